@@ -11,7 +11,7 @@ class SimulationView {
  public:
   virtual ~SimulationView() = default;
 
-  // After the loop's end: why the simulation failed; empty: it did not.
+  // After the loop's end: why the simulation failed; empty: no failure.
   virtual std::string fault() const = 0;
 };
 

@@ -22,7 +22,7 @@ struct Recorded {
 // States, set-points and torques of DC, in its own control cycle.
 Recorded record(const Arms& arms, const Registry& registry, BareDualImpedance::Gains& gains) {
   auto instances = instances_of(*registry.controllet("dual_cartesian_impedance"), 2);
-  instances[0].parameters = {{"goals", {1}}};  // separate: its set-points are its inputs
+  instances[0].parameters = {{"goals", {1}}};  // separate: set-points are its inputs
   MotionLoop loop(arms, 2, instances, registry);
   const InstanceSet law = loop.set({"law0"});
   loop.activate(law);
@@ -34,7 +34,7 @@ Recorded record(const Arms& arms, const Registry& registry, BareDualImpedance::G
   gains.damping_ratio = parameter("damping_ratio")[0];
   gains.null_space_stiffness = parameter("nullspace_stiffness_nm_per_rad")[0];
 
-  // It began in the first of the steps that activate() took; its null-space posture is that state's.
+  // It started in the first step of activate(); its null-space posture is the state of that step.
   const std::size_t first_input = dual.find_input("first_pose");
   const auto& data = loop.cycle.data();
   Recorded recorded;

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The loop's cycles beside pages that watch: durations with four of them as a share of those with none.
+"""Cycle times of the loop while cockpit pages are connected: with four of them, relative to none.
 
 PYTHONPATH=python .venv/bin/python benchmarks/cockpit_watchers.py build/multipanda     # needs an idle computer
 
@@ -20,13 +20,13 @@ import numpy as np
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests/cockpit"))
-from page_client import Page  # noqa: E402
+from page_client import Page
 
 PAGES = 4
 
 
 def watch(address):
-    """One page, until it is ended. Numbers are taken from the socket and not looked at: a browser is quicker."""
+    """Simulates a page until terminated. Reads numbers without parsing them, since a browser is faster."""
     page = Page(address, timeout=60)
     page.ask("subscribe", rate_hz=60)
     page.ask("plot", fields=["left/q_rad", "right/q_rad"])

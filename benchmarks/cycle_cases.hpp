@@ -8,7 +8,7 @@
 namespace multipanda::bench {
 
 // One whole ControlCycle::step over SmoothMotion per call. "cycle_us/<controllet>/<arms>" for every
-// registered controllet and every number of arms that it fits, each arm or pair under its own instance;
+// registered controllet and every suitable number of arms, each arm or pair under its own instance;
 // "cycle_us/<controllet>+<feature>/2" for every registered feature.
 std::vector<Case> cycle_cases(const Arms& arms, const Registry& registry, const Filter& selected);
 

@@ -24,15 +24,14 @@ Scene meeting_scene(const Registry& registry) {
       "arms:\n"
       "  - {name: arm0, model: fer, known_friction: model, base: {position_m: [-0.357, 0.02, 0]}}\n"
       "  - {name: arm1, model: fer, known_friction: model, base: {position_m: [0.357, -0.02, 0], rpy_rad: "
-      "[0, 0, "
-      "3.14159265358979]}}\n"
+      "[0, 0, 3.14159265358979]}}\n"
       "objects:\n"
       "  - {name: floor, shape: plane}\n",
       "meeting.yaml", registry);
 }
 
-// As many hulls as an imported arm may have, of as many corners: columns behind the base, so long that their
-// bounding spheres rule out no link. None is near enough to push.
+// As many hulls with as many corners as an imported arm may have: columns behind the base, too long for
+// bounding spheres to rule out any link, and too far away to push.
 std::vector<BaseHull> columns() {
   constexpr double kRadius = 0.1, kHalf = 0.45;  // [m]
   constexpr std::size_t kSides = kMaxShapeVertices / 2;

@@ -1,34 +1,29 @@
 #include "benchmarks/figures.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <stdexcept>
 
+#include "core/types/statistics.hpp"
 #include "core/types/time.hpp"
 
 namespace multipanda::bench {
 namespace {
 
-constexpr std::size_t kBlock = 100;  // calls of one case in a row
-
-double rank(const std::vector<double>& sorted, double share) {
-  const auto count = static_cast<double>(sorted.size());
-  const auto index = static_cast<std::size_t>(std::ceil(share * count)) - 1;
-  return sorted[std::min(index, sorted.size() - 1)];
-}
+constexpr std::size_t kBlock = 100;  // consecutive calls of one case
 
 }  // namespace
 
 Figures figures_of(std::vector<double> values) {
   if (values.empty()) throw std::logic_error("no measurement was made");
-  std::sort(values.begin(), values.end());
-  return {rank(values, 0.5), rank(values, 0.999), values.back()};
+  return {quantile(values, 0.5), quantile(values, 0.999), quantile(values, 1)};
 }
 
 void measure_in_turns(std::vector<Case>& cases, std::size_t samples, double budget_s) {
   for (Case& c : cases) {
     c.durations.reserve(samples);
-    for (std::size_t i = 0; i < kBlock; ++i) c.once();  // to a steady state, pages touched
+    for (std::size_t i = 0; i < kBlock; ++i)
+      c.once();  // until a steady state is reached and pages are
+                 // mapped
   }
   const HostTime begin = host_now();
   for (std::size_t done = 0; done < samples && seconds(host_now() - begin) < budget_s;) {

@@ -17,7 +17,8 @@ Figures figures_of(std::vector<double> values);  // not empty
 struct Case {
   std::string name;  // "cycle_us/hold/1"
   std::function<void()> once;
-  std::function<void()> verify;     // afterwards: throws if the case did not run as intended; may be empty
+  std::function<void()> verify;     // called afterwards: throws if the case did not run as intended; may be
+                                    // empty
   std::vector<double> durations{};  // [us]
 };
 

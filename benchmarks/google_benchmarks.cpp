@@ -8,7 +8,7 @@
 namespace multipanda::bench {
 namespace {
 
-// Times calls of `once`. `make` builds heavy objects when the benchmark runs; they end with it.
+// Times calls of `once`. `make` builds heavy objects when the benchmark runs; they are destroyed after it.
 template <typename Make>
 void add(const std::string& name, Make make) {
   benchmark::RegisterBenchmark(name.c_str(), [make](benchmark::State& state) {
@@ -149,7 +149,7 @@ void add_switching(const std::shared_ptr<const Arms>& arms, const std::shared_pt
   });
 }
 
-// The cases of --json, here in order instead of in alternation.
+// The cases of --json, here in sequence instead of in alternation.
 void add_cases(const std::shared_ptr<const Arms>& arms, const std::shared_ptr<const Registry>& registry) {
   const auto add_case = [](Case c) {
     benchmark::RegisterBenchmark(c.name.c_str(), [c](benchmark::State& state) {

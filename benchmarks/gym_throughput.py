@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Steps per second of the vector environments, beside their worlds alone in the same run: what Python costs.
+"""Steps per second of the vector environments and of their worlds alone, in the same run: the cost of Python.
 
 PYTHONPATH=python .venv/bin/python benchmarks/gym_throughput.py
 PYTHONPATH=python .venv/bin/python benchmarks/gym_throughput.py --require 0.9
 
 Both are measured in turns, a second each; the figure is the median of the turns. With --require it fails below that
-ratio. docs/gymnasium.md has the figures, and those of other environments.
+ratio. docs/results/benchmarks.md has the figures, and those of other environments.
 """
 
 import argparse
@@ -61,7 +61,7 @@ def measured(name, worlds, seconds, turns):
     envs.close()
     alone_rate, whole_rate = (float(np.median(rates[kind])) for kind in ("alone", "whole"))
     ratio = float(np.median(np.array(rates["whole"]) / np.array(rates["alone"])))
-    share = reset_s * whole_rate / (task.seconds * 20)  # of the time, if episodes run to their end
+    share = reset_s * whole_rate / (task.seconds * 20)  # of the time, if episodes run to completion
     print(
         f"| {name} | {worlds} | {alone_rate:.0f} | {whole_rate:.0f} | {ratio:.3f} | {whole_rate / 20:.0f} | "
         f"{1e3 * reset_s:.1f} ms | {whole_rate / (1 + share):.0f} |",

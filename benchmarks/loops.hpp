@@ -9,7 +9,7 @@
 #include "core/cycle/control_cycle.hpp"
 #include "scene/scene.hpp"
 
-// The measured loops: arms, controllets and worlds, assembled outside the loop.
+// The measured loops: arms, controllets and worlds, built outside the loop.
 namespace multipanda::bench {
 
 inline constexpr std::size_t kArmCounts[] = {1, 2, 4, 8, 16};
@@ -46,7 +46,7 @@ class MotionLoop {
   InstanceSet set(std::initializer_list<std::string_view> names) const;
   // Activates these and gives them their slow goals.
   void activate(InstanceSet instances);
-  // Throws std::runtime_error if other instances than these run, because then a hold was measured.
+  // Throws std::runtime_error if other instances run: a hold would be measured.
   void expect_active(InstanceSet instances) const;
 
   SmoothMotion world;
@@ -64,7 +64,7 @@ class SimulationLoop {
  public:
   SimulationLoop(std::size_t arms, const Registry& registry, const std::vector<std::string>& features = {});
   void step() { cycle_->step(world_->wait()); }
-  void verify() const;  // throws if the laws did not run to the end
+  void verify() const;  // throws if the laws stopped early
 
  private:
   Scene scene_;
@@ -73,7 +73,7 @@ class SimulationLoop {
   InstanceSet laws_ = 0;
 };
 
-// The world that SimulationLoop uses, alone.
+// The world of SimulationLoop, without the loop.
 Scene simulation_scene(std::size_t arms, const Registry& registry);
 
 }  // namespace multipanda::bench

@@ -11,7 +11,8 @@ namespace {
 using multipanda::bench::Effort;
 
 int run(int argc, char** argv) {
-  CLI::App app("Measures the loop, the controllets, switching and the simulation (docs/benchmarks.md)");
+  CLI::App app(
+      "Measures the loop, the controllets, switching and the simulation (docs/results/benchmarks.md)");
   app.name("multipanda bench");
   app.footer(
       "Examples:\n"

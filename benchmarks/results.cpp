@@ -11,7 +11,7 @@
 #include "benchmarks/feature_cases.hpp"
 #include "benchmarks/ros_service.hpp"
 #include "benchmarks/switching.hpp"
-#include "support/machine.hpp"
+#include "common/machine.hpp"
 
 namespace multipanda::bench {
 namespace {
@@ -176,7 +176,7 @@ std::string markdown_of(const nlohmann::ordered_json& results) {
     }
     text += "\n";
   };
-  numbers("feature_adds_us", "What a feature adds to that cycle [µs]", "{:.2f}");
+  numbers("feature_adds_us", "Additional cycle time of each feature [µs]", "{:.2f}");
   numbers("realtime_factor", "Real-time factor of the simulation, by number of arms", "{:.1f}");
   numbers("ratios", "Ratios", "{:.3f}");
   text += fmt::format("### Machine\n\n| | |\n|---|---|\n| samples of each call | {} |\n",

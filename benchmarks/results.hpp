@@ -14,8 +14,8 @@ struct Effort {
   std::string filter = ".*";
 };
 
-// Everything that `--json` prints, measured now; docs/benchmarks.md explains the keys. Takes at most about 40
-// s: if the time is over, it takes fewer samples, and `samples` says how many.
+// Everything that `--json` prints, measured now; docs/results/benchmarks.md explains the keys. Takes at most
+// about 40 s: if the time is over, it takes fewer samples, and `samples` says how many.
 nlohmann::ordered_json measure_all(const Effort& effort);
 
 // The same as Markdown tables.

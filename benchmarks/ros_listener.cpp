@@ -100,7 +100,7 @@ class Listener {
 
   Executor& executor_;
   Node& node_;
-  std::map<std::string, Received> received_;  // executor's thread, or while it is stopped
+  std::map<std::string, Received> received_;  // executor's thread, or any while it is stopped
   std::vector<std::shared_ptr<void>> subscriptions_;
 };
 
@@ -112,7 +112,7 @@ int listen(double seconds) {
   const auto timeout = Steady::now() + std::chrono::seconds(30);
   while (node.publishers_of("/joint_states") == 0) {
     if (Steady::now() > timeout) {
-      std::fprintf(stderr, "there is no publisher of /joint_states: is a run with --ros active?\n");
+      std::fprintf(stderr, "there is no publisher of /joint_states: start a run with --ros\n");
       return EXIT_FAILURE;
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(20));

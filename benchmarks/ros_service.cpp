@@ -18,10 +18,10 @@ namespace multipanda::bench {
 namespace {
 
 constexpr std::size_t kCycles = 1000;  // measured in each run
-constexpr int kTurns = 3;  // runs with and without the adapter, in turns: a load of the computer meets both
+constexpr int kTurns = 3;  // runs with and without the adapter, alternating, so that other load affects both
 constexpr std::size_t kWarmUp = 200;
 
-// Passes everything on, and measures the time spent in the loop's thread.
+// Forwards everything and measures the time spent in the loop's thread.
 class Timed : public RunAdapter {
  public:
   Timed(std::unique_ptr<RunAdapter> inner, std::vector<double>& us) : inner_(std::move(inner)), us_(us) {
@@ -41,7 +41,7 @@ class Timed : public RunAdapter {
   std::vector<double>& us_;
 };
 
-// A run for the life of this object, and the durations of its cycles.
+// A run for the lifetime of this object, and its cycle times.
 class Run {
  public:
   Run(const Registry& registry, MakeRunAdapter make_adapter) {

@@ -4,7 +4,7 @@
     ros_side_by_side.py BUILD [--seconds 10] [--repeats 3] [--scene two_arms]
 
 BUILD is the folder with the programs `multipanda` and `ros_listener`. The two kinds of run alternate, so that other
-load on the computer affects both. Prints a table for docs/benchmarks.md; --json prints the figures.
+load on the computer affects both. Prints a table for docs/results/benchmarks.md; --json prints the figures.
 """
 
 import argparse

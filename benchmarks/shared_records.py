@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Figures of the shared records: the cost of a read, its age, and the loop's cycles beside a client that is busy.
+"""Figures of the shared records: cost of a read, its age, and the loop's cycle times with a busy client.
 
 PYTHONPATH=python .venv/bin/python benchmarks/shared_records.py     # needs a computer that does nothing else
 
@@ -27,7 +27,7 @@ def cost_us(call, batches=200, count=20):
 
 
 def ages_us(run, count):
-    """Ages of records when an iterator has them [us], since the begin of their cycle."""
+    """Ages of records when an iterator returns them [us], since the start of their cycle."""
     with run.records() as records:
         for _ in range(20):
             next(records)
@@ -35,7 +35,7 @@ def ages_us(run, count):
 
 
 def lateness_us(count):
-    """How late a bare timer of 1 ms is in the same process [us]."""
+    """Lateness of a bare 1 ms timer in the same process [us]."""
     late, due = [], time.monotonic_ns() + PERIOD_NS
     for _ in range(count):
         time.sleep(max(0, due - time.monotonic_ns()) * 1e-9)

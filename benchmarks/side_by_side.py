@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compares virtual arms with franka-sim by the same unmodified client: prints a table for docs/virtual_arm.md.
+"""Compares virtual arms with franka-sim by the same unmodified client: prints a table for docs/results/virtual_arms.md.
 
     side_by_side.py PROGRAM --franka-sim PYTHON [--seconds 10]
 
@@ -21,7 +21,7 @@ import pylibfranka as franka
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "fci"))
-from virtual_arms import VirtualArms  # noqa: E402
+from virtual_arms import VirtualArms
 
 SCENE = """name: side_by_side
 arms:
@@ -34,7 +34,7 @@ def connect(address):
 
 
 def bare_timer(seconds):
-    """Periods of a thread that only sleeps on a grid of 1 ms, in this Python."""
+    """Periods of a Python thread that only sleeps on a 1 ms grid."""
     periods, last, due = [], time.perf_counter(), time.perf_counter()
     end = last + seconds
     while last < end:
@@ -73,7 +73,7 @@ def recovered(robot):
     if robot.read_once().robot_mode != franka.RobotMode.Idle:
         try:
             robot.automatic_error_recovery()
-        except Exception as error:  # the message is a result
+        except Exception as error:  # the message is part of the result
             return str(error)
     return ""
 
@@ -95,7 +95,7 @@ def trials(address, seconds, push):
     recovered(robot)
     result["30 ms without a command"] = loop(robot, 300, pause_at=100)[1]
     recovered(robot)
-    robot.set_load(1.0, [0.0] * 3, [0.0] * 9)  # declared, but not mounted
+    robot.set_load(1.0, [0.0] * 3, [0.0] * 9)  # declared but not mounted
     began = robot.read_once().time.to_sec()
     while (state := robot.read_once()).time.to_sec() < began + 1.0:
         pass
@@ -142,7 +142,7 @@ def theirs(python, seconds):
                 break
             except franka.NetworkException:
                 pass
-        time.sleep(1.5)  # it accepts the next program a second later
+        time.sleep(1.5)  # it accepts the next program after a second
         result = trials("127.0.0.1", seconds, None)
     finally:
         server.send_signal(signal.SIGINT)
@@ -166,7 +166,7 @@ def main():
     else:
         a, b = first[1](), first[0]()
     print(
-        f"a bare timer of 1 ms in this Python: mean {1e6 * timer.mean():.1f}, "
+        f"a bare 1 ms timer in this Python: mean {1e6 * timer.mean():.1f}, "
         f"p99 {1e6 * np.quantile(timer, 0.99):.0f} us\n"
     )
     print("| | multipanda virtual-arm | franka-sim |\n|---|---|---|")

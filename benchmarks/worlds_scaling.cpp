@@ -1,6 +1,6 @@
-// Worlds with their loops (native/) on one thread and on several, beside the bare physics of the same scenes
-// on as many threads, measured in turns of one run: how much of the processor's scaling is left.
-// docs/native.md has the figures.
+// Worlds with their loops (python_bindings/) on one thread and on several, compared with the bare physics of
+// the same scenes on as many threads, measured alternately in one run: the remaining share of the processor's
+// scaling. docs/results/benchmarks.md has the figures.
 #include <algorithm>
 #include <chrono>
 #include <fstream>
@@ -14,7 +14,8 @@
 #include <mujoco/mujoco.h>
 
 #include "backends/mujoco/mujoco_backend.hpp"
-#include "native/batch.hpp"
+#include "core/types/statistics.hpp"
+#include "python_bindings/batch.hpp"
 #include "scene/load.hpp"
 
 namespace {
@@ -22,14 +23,9 @@ namespace {
 using namespace multipanda;
 using Clock = std::chrono::steady_clock;
 
-constexpr std::uint64_t kCycles = 50;  // of a step
+constexpr std::uint64_t kCycles = 50;  // per step
 
 double since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
-
-double median(std::vector<double> values) {
-  std::ranges::nth_element(values, values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2));
-  return values[values.size() / 2];
-}
 
 // Calls per second.
 double rate(double seconds, const std::function<void()>& step) {
@@ -46,7 +42,7 @@ double resident_mb() {
   return pages * 4096 / 1e6;
 }
 
-// The physics alone: 50 steps from the scene's beginning, in each world.
+// Physics alone: 50 steps from the initial state, in each world.
 class BarePhysics {
  public:
   BarePhysics(const Scene& scene, std::size_t count) {
@@ -110,7 +106,7 @@ double measure(const std::string& name, std::size_t count, std::size_t threads, 
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("Worlds on threads beside bare physics on threads (docs/native.md)");
+  CLI::App app("Worlds on threads beside bare physics on threads (docs/results/benchmarks.md)");
   std::vector<std::string> scenes{"one_arm", "two_arms", "four_arms"};
   std::size_t count = 16, threads = std::max(1u, std::thread::hardware_concurrency());
   int turns = 9;
@@ -123,7 +119,7 @@ int main(int argc, char** argv) {
   app.add_option("--seconds", seconds, "Duration of each measurement")->capture_default_str();
   app.add_option("--require", least, "Smallest ratio of the scalings; exit code 1 below it");
   CLI11_PARSE(app, argc, argv);
-  fmt::print("| scene | × real time, {} threads | scaling | of bare physics | ratio | to begin | memory |\n",
+  fmt::print("| scene | × real time, {} threads | scaling | of bare physics | ratio | start-up | memory |\n",
              threads);
   fmt::print("|---|---|---|---|---|---|---|\n");
   double worst = 1e9;

@@ -4,11 +4,11 @@
 
 #include <fmt/format.h>
 
+#include "common/own_files.hpp"
+#include "common/spelling.hpp"
 #include "core/rt/thread_setup.hpp"
-#include "motion_generators/live_input_channel.hpp"
+#include "motion_generators/set_point_channel.hpp"
 #include "motion_generators/topic_channel.hpp"
-#include "support/own_files.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::cli {
 
@@ -49,7 +49,7 @@ nlohmann::json publication_of(const PublishReport& report) {
 }
 
 nlohmann::json set_up_publishing_thread() {
-  // Below the loop's 80: a set-point that comes late is bridged, a cycle is not.
+  // Below the loop's priority of 80: a late set-point is bridged, a late cycle is not.
   constexpr int kPriority = 70;
   nlohmann::json thread = nlohmann::json::array();
   for (const auto& step : set_up_thread({.lock_memory = false, .fifo_priority = kPriority, .cpu = {}})) {

@@ -27,7 +27,7 @@ std::unique_ptr<SetPointChannel> open_channel(const ChannelArguments& arguments,
 // is open, so that the channel's threads keep their priority.
 nlohmann::json set_up_publishing_thread();
 
-// The part of a publication's report that all generators share: end, samples, rate, lateness.
+// The part of a publication's report shared by all generators: end, samples, rate, lateness.
 nlohmann::json publication_of(const PublishReport& report);
 
 // The file in config/<folder> with this name, or the path if it contains a slash or ends in .yaml. Throws

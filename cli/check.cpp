@@ -4,34 +4,35 @@
 #include <fmt/ranges.h>
 
 #include "cli/program.hpp"
-#include "models/looks.hpp"
+#include "models/robot_description.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::cli {
 namespace {
 
-// Where the base of an arm is; that of a carried arm moves, and is given at the start.
+std::string numbers_text(const Vector3& v) {
+  return fmt::format("({:.4g}, {:.4g}, {:.4g})", v.x(), v.y(), v.z());
+}
+
+std::string place_text(const Pose& X) {
+  const Vector3 rpy = rpy_of(X.rotation) + Vector3::Zero();  // no "-0"
+  return fmt::format("at {} m", numbers_text(X.position)) +
+         (rpy.norm() < 1e-6 ? "" : fmt::format(", turned by {} rad", numbers_text(rpy)));
+}
+
+// Description of an arm's base; a carried arm's base moves, and is given at the start.
 std::string base_text(const Scene& scene, const SceneArm& arm) {
-  const auto point = [](const Vector3& p) {
-    return fmt::format("({:.4g}, {:.4g}, {:.4g}) m", p.x(), p.y(), p.z());
-  };
-  if (!arm.mount) {
-    const Vector3& p = arm.X_WB.position;
-    return fmt::format("base at ({:g}, {:g}, {:g}) m", p.x(), p.y(), p.z());
-  }
-  const Vector3 rpy = rpy_of(arm.mount->X_JB.rotation) + Vector3::Zero();  // no "-0"
-  return fmt::format(
-      "stands on arm '{}', link behind joint {}, there at {} and turned by ({:.4g}, {:.4g}, {:.4g}) rad, at "
-      "the start at {} in the world",
-      scene.arms[arm.mount->carrier].name, arm.mount->joint + 1, point(arm.mount->X_JB.position), rpy.x(),
-      rpy.y(), rpy.z(), point(arm.X_WB.position));
+  if (!arm.mount) return "base " + place_text(arm.X_WB);
+  return fmt::format("stands on arm '{}', link behind joint {}, there {}; at the start {} in the world",
+                     scene.arms[arm.mount->carrier].name, arm.mount->joint + 1, place_text(arm.mount->X_JB),
+                     place_text(arm.X_WB));
 }
 
 int run(const std::string& name) {
   OpenedScene opened = open_scene(name);
   // Builds everything as for a run, so that everything that a run refuses is refused here.
-  Session session(std::move(opened.scene), opened.registry, {.paced = false, .moving_bases = true});
+  Session session(std::move(opened.scene), opened.registry, {.moving_bases = true});
   const Scene& scene = session.scene();
   fmt::print("{}: {}{} ({} plant, {} physics step{} per cycle, {} objects)\n", scene.name, scene.description,
              scene.description.empty() ? scene.path : "", scene.plant.name, scene.substeps,
@@ -40,10 +41,18 @@ int run(const std::string& name) {
     fmt::print("  arm {}: {}{}, {} joints, {}\n", arm.name, arm.model, arm.hand ? " with hand" : "",
                arm.q_start.size(), base_text(scene, arm));
     for (const auto& text : arm.loosened) fmt::print("    looser than the manufacturer's limit: {}\n", text);
-    if (!arm.unguarded.empty()) fmt::print("    not kept apart: {}\n", fmt::join(arm.unguarded, ", "));
+    if (!arm.unguarded.empty())
+      fmt::print("    not checked for collisions: {}\n", fmt::join(arm.unguarded, ", "));
+    if (!arm.left_out_friction.empty())
+      fmt::print("    the URDF's friction is not simulated, link_friction of the model's file would be: {}\n",
+                 fmt::join(arm.left_out_friction, ", "));
   }
-  for (const auto& text : scene.lifted) fmt::print("  contact bound lifted: {}\n", text);
-  for (const auto& text : scene.unsafer_laws) fmt::print("  law without all safeguards: {}\n", text);
+  for (const auto& object : scene.objects) {
+    fmt::print("  object {}: {}, {}\n", object.name,
+               object.fixed ? "fixed" : fmt::format("free, {:g} kg", object.mass), place_text(object.X_WO));
+  }
+  for (const auto& text : scene.lifted) fmt::print("  contact bound raised: {}\n", text);
+  for (const auto& text : scene.unsafer_laws) fmt::print("  law with reduced safeguards: {}\n", text);
   for (const auto& text : scene.lowered) fmt::print("  {}\n", text);
   for (const auto& text : scene.near_leaders) fmt::print("  {}\n", text);
   for (InstanceIndex i = 0; i < session.modes().instance_count(); ++i) {

@@ -5,12 +5,13 @@
 #include <fmt/format.h>
 
 #include "cli/cockpit_arguments.hpp"
+#include "cli/cockpit_link.hpp"
 #include "cli/input_end.hpp"
 #include "cli/program.hpp"
 #include "cli/report.hpp"
-#include "support/signals.hpp"
+#include "common/signals.hpp"
 
-// `multipanda cockpit` shows recorded logs as `run --cockpit` shows a run (docs/cockpit.md).
+// `multipanda cockpit` shows recorded logs like a run with `run --cockpit` (docs/cockpit.md).
 namespace multipanda::cli {
 namespace {
 
@@ -34,14 +35,14 @@ int show_logs(const std::vector<std::filesystem::path>& logs, std::optional<std:
   std::optional<InputEndWatch> input;
   if (until_input_ends) input.emplace(end);
   {
-    cockpit::Cockpit shown(port);
+    const std::unique_ptr<CockpitLink> shown = open_cockpit(port);
     console.line(fmt::format("reading {}", logs.front().string()));
-    shown.show_logs(logs);
-    print_address(shown, console);
+    shown->show_logs(logs);
+    print_address(*shown, console);
     pollfd wait{.fd = end_file, .events = POLLIN, .revents = 0};
     while (::poll(&wait, 1, -1) < 0 && errno == EINTR) {
     }
-    shown.desk().show(nullptr, "the program has ended");
+    shown->close("the program has ended");
   }
   input.reset();
   ::close(end_file);
@@ -61,9 +62,9 @@ void add_cockpit(Program& program) {
       ->type_name("LOG");
   command->add_option("other", arguments->other, "Log that is compared with it")->type_name("LOG");
   command
-      ->add_option("--port", arguments->port,
-                   fmt::format("Port of 127.0.0.1 (default {}, or a free one; 0: a free one)",
-                               cockpit::Cockpit::kUsualPort))
+      ->add_option(
+          "--port", arguments->port,
+          fmt::format("Port of 127.0.0.1 (default {}, or a free one; 0: a free one)", kUsualCockpitPort))
       ->check(CLI::Range(0, 65535));
   command->add_flag("--until-input-ends", arguments->until_input_ends,
                     "End when standard input closes, as when the program that started it has ended");

@@ -1,7 +1,11 @@
 #include "cli/cockpit_arguments.hpp"
 
+#include <dlfcn.h>
+#include <stdexcept>
+
 #include <fmt/format.h>
 
+#include "cli/cockpit_link.hpp"
 #include "cli/program.hpp"
 
 namespace multipanda::cli {
@@ -25,39 +29,56 @@ void add_cockpit_arguments(CLI::App* command, CockpitArguments& arguments, const
             arguments.port = static_cast<std::uint16_t>(port);
           },
           fmt::format("{} (default {}, or a free one; 0: a free one; docs/cockpit.md)", help,
-                      cockpit::Cockpit::kUsualPort))
+                      kUsualCockpitPort))
       ->expected(0, 1)
       ->type_name("[PORT]");
 }
 
+std::unique_ptr<CockpitLink> open_cockpit(std::optional<std::uint16_t> port) {
+  std::error_code error;
+  const auto folder = std::filesystem::read_symlink("/proc/self/exe", error).parent_path();
+  auto library = (folder / "../lib/libmultipanda_cockpit.so").lexically_normal();  // in a wheel or .deb
+  if (!std::filesystem::exists(library, error)) library = folder / "libmultipanda_cockpit.so";
+  void* loaded = dlopen(library.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (loaded == nullptr)
+    throw std::runtime_error(
+        fmt::format("--cockpit: the page server cannot be loaded ({}); build it with "
+                    "./multipanda cockpit --help",
+                    dlerror()));
+  const auto version = reinterpret_cast<unsigned (*)()>(dlsym(loaded, "multipanda_cockpit_version"));
+  const auto open = reinterpret_cast<void* (*)(const std::optional<std::uint16_t>*)>(
+      dlsym(loaded, "multipanda_open_cockpit"));
+  if (version == nullptr || open == nullptr || version() != kCockpitVersion)
+    throw std::runtime_error(fmt::format(
+        "--cockpit: {} does not belong to the same build as the program: build again", library.string()));
+  return std::unique_ptr<CockpitLink>(static_cast<CockpitLink*>(open(&port)));
+}
+
 OpenedCockpit::OpenedCockpit(const CockpitArguments& arguments, const Console& console) : console_(console) {
-  if (arguments.asked) cockpit_ = std::make_unique<cockpit::Cockpit>(arguments.port);
+  if (arguments.asked) cockpit_ = open_cockpit(arguments.port);
+}
+OpenedCockpit::~OpenedCockpit() = default;
+
+void OpenedCockpit::on_stop_between_runs(std::function<void()> call) {
+  if (cockpit_) cockpit_->on_stop_between_runs(std::move(call));
 }
 
-void OpenedCockpit::on_owed_stop(std::function<void()> call) {
-  if (cockpit_) cockpit_->desk().on_owed_stop(std::move(call));
-}
-
-void OpenedCockpit::prepare(const Scene& scene, SessionOptions& session) {
-  if (!cockpit_) return;
-  objects_ = std::make_shared<cockpit::ObjectPoses>(scene);
-  session.share_records = true;
-  session.on_loop = [objects = objects_, before = session.on_loop](const Tick& tick, const Backend& backend) {
-    if (before) before(tick, backend);
-    objects->on_loop(tick, backend);
-  };
+void OpenedCockpit::prepare(SessionOptions& session) {
+  if (cockpit_) cockpit_->prepare(session);
 }
 
 void OpenedCockpit::show(Session& session) {
   if (!cockpit_) return;
-  shown_ = std::make_unique<cockpit::ShownRun>(*cockpit_, session, objects_.get());
+  cockpit_->show(session);
   if (!printed_) print_address(*cockpit_, console_);
   printed_ = true;
 }
 
-void OpenedCockpit::end() { shown_.reset(); }
+void OpenedCockpit::end() {
+  if (cockpit_) cockpit_->end();
+}
 
-void print_address(const cockpit::Cockpit& cockpit, const Console& console) {
+void print_address(const CockpitLink& cockpit, const Console& console) {
   if (!cockpit.has_page())
     console.line("this build has no cockpit page (docs/cockpit.md); programs can use the cockpit at");
   console.line(cockpit.address());

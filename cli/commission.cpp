@@ -1,9 +1,7 @@
 #include <algorithm>
 #include <atomic>
-#include <fcntl.h>
 #include <filesystem>
 #include <fstream>
-#include <unistd.h>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -11,13 +9,12 @@
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "commission/tour.hpp"
+#include "common/machine.hpp"
+#include "common/signals.hpp"
 #include "report/page_script.hpp"
 #include "runtime/backends.hpp"
 #include "scene/build.hpp"
-#include "scene/carried_arms.hpp"
 #include "scene/load.hpp"
-#include "support/address.hpp"
-#include "support/signals.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -59,14 +56,13 @@ BackendOptions backend_of(const CommissionOptions& options, const Scene& scene) 
   return backend;
 }
 
-// What a resumed tour must find unchanged.
+// Values that a resumed tour requires unchanged.
 void check_same(const Json& state, const commission::TourSetup& setup) {
   const Json now = commission::new_state(setup);
   if (state["arms"] != now["arms"] || state["scene_text"] != now["scene_text"]) {
     throw UsageError(
         "commission: --resume: the scene or the addresses are not those of the tour that is resumed; begin a "
-        "new tour "
-        "(without --resume), because what was found then may not hold now");
+        "new tour (without --resume), because earlier findings may no longer hold");
   }
 }
 
@@ -75,7 +71,7 @@ int run(CommissionOptions options) {
   Json state;
   if (!options.resume.empty()) {
     if (!options.addresses.empty() || !options.scene.empty())
-      throw UsageError("commission: --resume takes scene and addresses from the tour; leave them out");
+      throw UsageError("commission: --resume takes scene and addresses from the tour; omit them");
     state = read_state(options.resume);
     options.out = options.resume;
     options.scene = state["scene"].get<std::string>();
@@ -87,10 +83,10 @@ int run(CommissionOptions options) {
   if (options.scene.empty()) options.scene = options.addresses.size() == 1 ? "one_arm" : "two_arms";
   const fs::path folder = options.out;
   if (options.resume.empty() && fs::exists(folder / "commission.json"))
-    throw UsageError("commission: " + folder.string() + " has a tour already: --resume " + folder.string() +
-                     ", or another --out");
+    throw UsageError("commission: " + folder.string() + " has a tour already: use --resume " +
+                     folder.string() + ", or another --out");
 
-  // Before other threads exist, which would receive the signals.
+  // Before any other thread, which would receive the signals.
   std::atomic<bool> stopped{false};
   const SignalWatch signals([&](int) { stopped = true; });
 
@@ -105,47 +101,33 @@ int run(CommissionOptions options) {
   for (const auto& arm : setup.scene.arms) {
     if (robot_of(arm).joint_count() != 7)
       throw UsageError("commission: arm '" + arm.name +
-                       "' has not seven joints; the control interface is that of Franka's arms");
+                       "' does not have seven joints; the control interface is that of Franka's arms");
     setup.addresses.push_back(arm.fci->address);
   }
   for (const auto& arm : setup.scene.arms) {
     if (arm.loosened.empty()) continue;
     throw UsageError("commission: the scene loosens limits of arm '" + arm.name + "': " +
-                     arm.loosened.front() + "; the first hour keeps those of the manufacturer: take it out");
+                     arm.loosened.front() + "; the tour requires the manufacturer's limits: remove this");
   }
   if (state.is_null())
     state = commission::new_state(setup);
   else
     check_same(state, setup);
 
-  int file = STDIN_FILENO;
-  const bool named = !options.answers.empty();
-  if (!named && isatty(STDIN_FILENO) == 0) {
-    throw UsageError(
-        "commission: no terminal to ask on; a person must answer before each motion, or a file of explicit "
-        "answers: "
-        "--answers FILE (docs/commission.md)");
-  }
-  if (named && options.answers != "-") {
-    file = ::open(options.answers.c_str(), O_RDONLY | O_CLOEXEC);
-    if (file < 0) throw UsageError("commission: --answers: cannot open " + options.answers);
-  }
+  Person::Options asking = Person::source(options.answers);
+  asking.early = std::ranges::all_of(setup.addresses, is_on_this_computer);
   fs::create_directories(folder);
   const auto tell = [&](const Json& line) {
     if (!options.json) return;
     fmt::print("{}\n", line.dump());
     std::fflush(stdout);
   };
-  commission::Person person({.file = file,
-                             .named = named,
-                             .early = std::ranges::all_of(setup.addresses, is_on_this_computer),
-                             .source = "the answers of " + options.answers,
-                             .show =
-                                 [&](const std::string& id, const std::string& text) {
-                                   console.raw(text + (named ? "\n" : ""));
-                                   tell({{"ask", id}, {"text", text}});
-                                 },
-                             .meanwhile = {}});
+  asking.show = [&](const std::string& id, const std::string& text) {
+    console.line(text);
+    tell({{"ask", id}, {"text", text}});
+  };
+  asking.prompt = [&](const std::string& text) { console.raw(text); };
+  Person person(std::move(asking));
   commission::Context context{.setup = setup,
                               .person = person,
                               .registry = opened.registry,
@@ -192,14 +174,12 @@ int run(CommissionOptions options) {
   for (const auto& [id, result] : end.state["steps"].items()) {
     if (result["verdict"] == "skipped") left_out += " " + id;
   }
-  console.line(complete ? "all steps are done: go" +
-                              (left_out.empty() ? "" : "; skipped, so not known:" + left_out)
-                        : fmt::format("ended at '{}' ({}); go on with: multipanda commission --resume {}",
+  console.line(complete ? "all steps are done: go" + (left_out.empty() ? "" : "; skipped:" + left_out)
+                        : fmt::format("ended at '{}' ({}); continue with: multipanda commission --resume {}",
                                       end.step, to_string(end.verdict), folder.string()));
   if (!page.empty()) console.line("page: " + page);
   tell(
       {{"end", {{"verdict", complete ? "go" : to_string(end.verdict)}, {"step", end.step}, {"page", page}}}});
-  if (file != STDIN_FILENO) ::close(file);
   return complete ? kSuccess : kFailed;
 }
 
@@ -214,7 +194,7 @@ void add_commission(Program& program) {
                   "  multipanda commission 172.16.0.2 --scene my/scene.yaml\n"
                   "  multipanda commission 172.16.0.2 172.16.0.3 --scene two_arms --out first_day\n"
                   "  multipanda commission --resume first_day\n"
-                  "Nothing is assumed: without a terminal every answer comes from --answers. "
+                  "Without a terminal every answer must come from --answers. "
                   "docs/commission.md lists steps and limits.");
   command
       ->add_option("addresses", options->addresses,
@@ -226,7 +206,7 @@ void add_commission(Program& program) {
       ->type_name("DIR");
   command
       ->add_option("--resume", options->resume,
-                   "Go on with the tour of this folder; what protects the arms is repeated")
+                   "Resume the tour of this folder; safety-related steps are repeated")
       ->type_name("DIR");
   command
       ->add_option("--answers", options->answers,

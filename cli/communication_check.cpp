@@ -1,5 +1,3 @@
-#include "doctor/communication_check.hpp"
-
 #include <atomic>
 #include <iostream>
 #include <unistd.h>
@@ -8,8 +6,9 @@
 
 #include "cli/console.hpp"
 #include "cli/program.hpp"
+#include "common/signals.hpp"
+#include "doctor/arm_stream.hpp"
 #include "doctor/examination.hpp"
-#include "support/signals.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -20,11 +19,11 @@ struct CommunicationCheckOptions {
   bool json = false, yes = false;
 };
 
-// Asks before the arm is put under control.
+// Asks before the arm is put under torque control.
 bool confirmed(const CommunicationCheckOptions& options, const Console& console) {
   if (options.yes) return true;
   if (isatty(STDIN_FILENO) == 0) {
-    throw UsageError("communication-test: no terminal to ask on; confirm with --yes that the arm at " +
+    throw UsageError("communication-test: there is no terminal; confirm with --yes that the arm at " +
                      options.address + " may be put under torque control");
   }
   console.raw(

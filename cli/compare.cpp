@@ -70,11 +70,12 @@ std::vector<std::string> common_arms(ByArm& real, ByArm& sim) {
   return arms;
 }
 
-// Adds end-effector pose and gravity to logs without them, from joint positions and the other log's scene.
+// Adds end-effector pose and gravity to logs without them, from joint positions and the scene of the
+// other log.
 void complete(std::vector<MeasuredLog>& logs, const std::vector<MeasuredLog>& others) {
   for (MeasuredLog& log : logs) {
     if ((log.x_EE.rows() > 0 && log.gravity.rows() > 0) || others[0].scene_text.empty()) continue;
-    if (log.base_moves) continue;  // no scene with bases that stand still has its pose
+    if (log.base_moves) continue;  // a scene with fixed bases does not give its pose
     try {
       complete_from_scene(log, others[0].scene_text, others[0].scene_path, others[0].arm);
       log.warnings.emplace_back("x_EE and gravity are computed from its q and the scene of " +
@@ -188,7 +189,8 @@ void add_compare(Program& program) {
       ->add_option("--low-pass", options->low_pass,
                    "Cutoff frequency of a low-pass filter on both logs [Hz], 0 for none")
       ->check(CLI::Range(0.0, 400.0));
-  command->add_option("--gate", options->gate, "YAML file with limits (docs/compare.md)")->type_name("FILE");
+  command->add_option("--gate", options->gate, "YAML file with limits (docs/identification.md)")
+      ->type_name("FILE");
   command
       ->add_option("--out", options->out,
                    "Folder for page, pictures and results.json (default: a new folder in runs)")

@@ -1,19 +1,24 @@
 #include <algorithm>
 #include <csignal>
+#include <cstdio>
 #include <cstdlib>
 #include <numbers>
 #include <optional>
+#include <sys/socket.h>
+#include <thread>
+#include <unistd.h>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 
 #include "cli/program.hpp"
+#include "common/spelling.hpp"
 #include "runtime/live_input/client.hpp"
 #include "runtime/live_input/json_fields.hpp"
-#include "support/spelling.hpp"
+#include "runtime/live_input/socket_path.hpp"
 
-// `multipanda ctl` commands a running scene over its socket (docs/live_input.md).
+// `multipanda ctl` commands a running scene through its socket (docs/live_input.md).
 namespace multipanda::cli {
 namespace {
 
@@ -66,7 +71,7 @@ std::vector<double> numbers_of(const std::string& text) {
   return numbers;
 }
 
-// Adds "position_m=0.4,0,0.5" to the request. Values that are lists in the request stay lists, however short.
+// Adds "position_m=0.4,0,0.5" to the request. Lists stay lists, even with one element.
 void add_pairs(const std::vector<std::string>& pairs, json& request) {
   for (const auto& pair : pairs) {
     const std::size_t equals = pair.find('=');
@@ -125,12 +130,15 @@ void print_state(const json& state) {
              state["cycle_us"].get<double>(), state["overruns"].get<std::uint64_t>());
   for (const auto& arm : state["arms"]) {
     const auto p = arm["position_m"].get<std::vector<double>>();
-    const std::string last = arm["last_intervention"].get<std::string>();
+    const std::string removed = arm.value("removed_by", ""),
+                      last = arm["last_intervention"].get<std::string>();
     fmt::print("  {:<12} {:<24} {}{}  [{:.4f}, {:.4f}, {:.4f}] m  q [{:.3f}] rad{}\n",
                arm["arm"].get<std::string>(), arm["controllet"].get<std::string>(),
                arm["mode"].get<std::string>(), arm["stopped"].get<bool>() ? ", stopped" : "", p[0], p[1],
                p[2], fmt::join(arm["q_rad"].get<std::vector<double>>(), ", "),
-               last.empty() ? "" : "  last intervention: " + last);
+               !removed.empty() ? "  removed by: " + removed
+               : last.empty()   ? ""
+                                : "  last intervention: " + last);
     if (arm.contains("connection")) {
       const json& c = arm["connection"];
       fmt::print("    packets: {} received, {} lost, {} late; commands missed: {}\n",
@@ -159,6 +167,8 @@ void print_done(const json& answer) {
   if (answer.contains("stopped_after_ms")) {
     fmt::print("stopped: {} (after {:.3f} ms); resume with: multipanda ctl resume\n",
                names(answer["stopped"]), answer["stopped_after_ms"].get<double>());
+    if (answer.contains("message"))
+      fmt::print(stderr, "multipanda ctl: {}\n", answer["message"].get<std::string>());
   } else if (answer.contains("message")) {
     fmt::print("{}\n", answer["message"].get<std::string>());
   } else if (!answer.contains("times_ms")) {
@@ -166,16 +176,17 @@ void print_done(const json& answer) {
   }
 }
 
-// A request that was not understood was not executed: it counts as wrong usage.
+// A request that was not understood was not executed: it counts as a usage error.
 int exit_code(const json& answer) {
   if (answer.value("ok", false)) return kSuccess;
   const std::string verdict = answer.value("verdict", "");
-  return verdict == "malformed" || verdict.starts_with("unknown_") ? kUsage : kFailed;
+  return verdict == "malformed" || verdict == "wrong_size" || verdict.starts_with("unknown_") ? kUsage
+                                                                                              : kFailed;
 }
 
 constexpr double kGripperPatience = 620;  // [s]; the run itself gives up after 600 s
 
-// Replaces a state by that of one gripper.
+// Reduces a state to that of one gripper.
 void reduce_to_gripper(const std::string& arm, json& answer) {
   for (const auto& state : answer["state"]["arms"]) {
     if (state["arm"] != arm) continue;
@@ -207,6 +218,10 @@ int ask(const CtlOptions& options, json request) {
   const bool is_state = is_gripper && is("action", "state");
   const std::string arm = is_state ? request["arm"].get<std::string>() : "";
   if (is_state) request = {{"do", "state"}};
+  if (is("do", "resume")) {  // a stop that comes from now on is not meant
+    const json seen = client.ask({{"do", "state"}});
+    if (seen.value("ok", false)) request["stops"] = seen["state"]["stops"];
+  }
   json answer =
       is_gripper ? client.ask(std::move(request), kGripperPatience) : client.ask(std::move(request));
   if (is_state && answer.value("ok", false)) reduce_to_gripper(arm, answer);
@@ -226,6 +241,54 @@ int ask(const CtlOptions& options, json request) {
     print_done(answer);
   }
   return code;
+}
+
+// The named run's arms, or those of all runs; of all runs, too, if nobody listens at the named socket. No run
+// waits for another one.
+int stop(const CtlOptions& options) {
+  const std::string here = options.socket.empty() ? "" : std::filesystem::absolute(options.socket).string();
+  std::vector<std::filesystem::path> sockets;
+  if (const int file = here.empty() ? -1 : connect_to(here, SOCK_STREAM); file >= 0) {
+    close(file);
+    sockets.emplace_back(here);
+  } else {
+    sockets = all_running_sockets();
+  }
+  if (sockets.empty()) throw std::runtime_error("no scene is running on this computer: nothing was stopped");
+  std::vector<json> answers(sockets.size());
+  {
+    std::vector<std::jthread> threads;
+    for (std::size_t i = 0; i < sockets.size(); ++i) {
+      threads.emplace_back([&, i] {
+        try {
+          answers[i] = stop_run(sockets[i], options.names);
+        } catch (const std::exception& error) {
+          answers[i] = {{"ok", false}, {"reason", error.what()}};
+        }
+      });
+    }
+  }
+  int code = kSuccess;
+  for (std::size_t i = 0; i < sockets.size(); ++i) {
+    answers[i].erase("id");
+    if (sockets.size() > 1) answers[i]["socket"] = sockets[i].string();
+    const bool ok = answers[i].value("ok", false);
+    if (!ok) code = kFailed;
+    if (options.json) {
+      fmt::print("{}\n", to_line(answers[i]));
+      continue;
+    }
+    if (sockets.size() > 1) fmt::print("{}: ", sockets[i].stem().string());
+    std::fflush(stdout);
+    if (ok) {
+      print_done(answers[i]);
+    } else {
+      fmt::print(stderr, "multipanda ctl: {}\n", answers[i].value("reason", "refused"));
+    }
+  }
+  if (here.empty() || sockets.front() == here) return code;
+  fmt::print(stderr, "multipanda ctl: no run listens at '{}': all runs are stopped\n", here);
+  return kFailed;
 }
 
 // All controllets in short, or the named ones with everything that can be set.
@@ -274,7 +337,7 @@ int watch(const CtlOptions& options) {
   return kSuccess;
 }
 
-// A number, a list of numbers, or the name of a choice.
+// A number, a list of numbers, or a choice's name.
 json parameter_value(const std::vector<std::string>& arguments) {
   std::vector<double> numbers;
   try {
@@ -410,7 +473,10 @@ void add_ctl(Program& program) {
         {"do", "parameter"}, {"controllet", c.name}, {"name", c.input}, {"value", parameter_value(c.names)}};
   });
 
-  ctl.arms("stop", "Hold arms from the next cycle until they are resumed");
+  CLI::App* stop_command = ctl.add(
+      "stop", "Hold arms from the next cycle until they are resumed; without --socket in all runs", "left");
+  stop_command->add_option("arms", o->names, "Names of arms (default, and with a wrong name: all)");
+  program.on(stop_command, [o] { return stop(*o); });
   ctl.arms("resume", "Allow switches of stopped arms again; they are held until then");
 
   CLI::App* load = ctl.add("load", "Declare the payload of an arm", "left mass_kg=0.5 com_m=0,0,0.1");
@@ -440,12 +506,9 @@ void add_ctl(Program& program) {
   text(user_stop, "arm", o->name, "Name of the arm");
   user_stop->add_option("value", o->value, "on (pressed) or off (released)")
       ->required()
-      ->check(CLI::IsMember({"on", "off", "pressed", "released"}));
+      ->check(CLI::IsMember({"on", "off"}));
   ctl.asks(user_stop, [](const CtlOptions& c) {
-    if (c.value == "pressed" || c.value == "released")
-      fmt::print(stderr, "multipanda ctl: '{}' is deprecated and will be removed; use '{}'\n", c.value,
-                 c.value == "pressed" ? "on" : "off");
-    return json{{"do", "user_stop"}, {"arm", c.name}, {"pressed", c.value == "on" || c.value == "pressed"}};
+    return json{{"do", "user_stop"}, {"arm", c.name}, {"pressed", c.value == "on"}};
   });
 
   CLI::App* gripper = ctl.add("gripper", "Move the gripper of an arm and wait for the end of the motion",

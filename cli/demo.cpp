@@ -7,18 +7,18 @@
 #include "cli/program.hpp"
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
+#include "common/own_files.hpp"
 #include "report/page_script.hpp"
 #include "runtime/faulty.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
-#include "support/own_files.hpp"
 
 namespace multipanda::cli {
 namespace {
 
 constexpr const char* kUndisturbed = "right";    // keeps its controllet while the other arm changes
 constexpr const char* kFaulty = "left";          // gets the controllet that fails
-constexpr const char* kChanged = "left_joints";  // what the other arm changes to
+constexpr const char* kChanged = "left_joints";  // new controllet of the other arm
 
 struct DemoOptions {
   bool fast = false, json = false;
@@ -26,7 +26,7 @@ struct DemoOptions {
   BackendArguments backend;
 };
 
-// What the demo checks in the records beyond the summary.
+// Checks of the demo on the records, beyond the summary.
 struct Trace {
   ArmIndex undisturbed = 0;
   double until_s = 0;
@@ -58,8 +58,8 @@ double time_of_switch(const Scene& scene, const std::string& controllet, bool af
   throw std::runtime_error("the demo's scene does not switch to " + controllet);
 }
 
-// The same scene without the switch of the other arm, up to the next switch: the motion of the undisturbed
-// arm while the other arm does not change.
+// The same scene without the other arm's switch, up to the next switch: motion of the undisturbed arm if the
+// other arm does not change.
 Scene without_the_change(Scene scene, double until_s) {
   std::erase_if(scene.timeline, [&](const TimelineEvent& event) {
     return event.at_s >= until_s || event.controllet == kChanged ||
@@ -143,9 +143,9 @@ int run(const DemoOptions& options) {
           fmt::format("the arms touched something ({:.1f} N)", trace.largest_contact_n));
     }
   } else {
-    summary.problems.push_back("the demo was stopped before its end");
+    summary.problems.push_back("the demo was stopped early");
   }
-  // The figures above are the demo; whoever installed no plotting packages still gets them.
+  // The figures above are the result; the report needs plotting packages, which may be missing.
   if (const std::string missing = whole ? missing_page_packages() : ""; !missing.empty()) {
     console.line("no report: " + missing);
   } else if (whole) {

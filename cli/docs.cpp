@@ -2,7 +2,7 @@
 
 #include "cli/program.hpp"
 #include "scene/build.hpp"
-#include "scene/scene_reference.hpp"
+#include "scene/load.hpp"
 
 namespace multipanda::cli {
 

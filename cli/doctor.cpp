@@ -5,9 +5,9 @@
 
 #include "cli/console.hpp"
 #include "cli/program.hpp"
+#include "common/spelling.hpp"
 #include "doctor/examination.hpp"
 #include "scene/load.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -20,7 +20,7 @@ struct DoctorOptions {
 };
 
 int run(const DoctorOptions& options) {
-  // A missing scene is wrong usage, not a finding about this computer.
+  // A missing scene is a usage error, not a finding about this computer.
   const auto scenes = available_scenes();
   if (options.scene.find_first_of("/.") == std::string::npos &&
       std::find(scenes.begin(), scenes.end(), options.scene) == scenes.end()) {
@@ -32,7 +32,7 @@ int run(const DoctorOptions& options) {
   console.line(fmt::format("multipanda doctor: {}, {:g} s per measurement",
                            purpose == doctor::Purpose::real_arms
                                ? "judged for real arms"
-                               : "judged for simulated arms (to judge for a real arm, name its address)",
+                               : "judged for simulated arms (to judge for a real arm, give its address)",
                            options.seconds));
   const auto findings =
       doctor::examine({.addresses = options.addresses, .scene = options.scene, .seconds = options.seconds},
@@ -63,7 +63,7 @@ void add_doctor(Program& program) {
       "  multipanda doctor                          this computer, for simulated arms\n"
       "  multipanda doctor 172.16.0.2 172.16.0.3    also the network and two arms; moves nothing\n"
       "  multipanda doctor --scene my/scene.yaml --seconds 60 --json > doctor.json\n"
-      "Fails (exit code 1) if something is bad; docs/doctor.md explains every line.");
+      "Fails (exit code 1) if something is bad; docs/commission.md explains every line.");
   command->add_option("addresses", options->addresses, "Addresses of arms to examine")->type_name("ADDRESS");
   command->add_option("--scene", options->scene, "Scene whose control cycle is timed (default two_arms)");
   command->add_option("--seconds", options->seconds, "Duration of each measurement [s] (default 10)")

@@ -8,10 +8,11 @@
 
 #include "cli/console.hpp"
 #include "cli/program.hpp"
-#include "support/signals.hpp"
+#include "common/signals.hpp"
 #include "sysid/excitation/excitation.hpp"
 
-// `multipanda excite` finds a motion that makes the parameters of an arm identifiable (docs/excitation.md).
+// `multipanda excite` finds a motion that makes the parameters of an arm identifiable
+// (docs/identification.md).
 namespace multipanda::cli {
 namespace {
 
@@ -70,7 +71,7 @@ int run(ExciteArguments& arguments) {
   std::atomic<bool> stop{false};
   const SignalWatch watch([&](int) {
     stop = true;
-    console.line("stopping: the best motion so far is kept (interrupt again to quit at once)");
+    console.line("stopping: the best motion so far is kept (interrupt again after 2 s to quit at once)");
   });
   arguments.options.stop = &stop;
   arguments.options.progress = [&](const std::string& line) { console.line(line); };

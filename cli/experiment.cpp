@@ -8,13 +8,13 @@
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
-#include "cli/terminal_person.hpp"
+#include "common/machine.hpp"
+#include "common/person.hpp"
+#include "common/signals.hpp"
+#include "common/spelling.hpp"
 #include "experiments/kinds.hpp"
 #include "logs/recorder.hpp"
 #include "scene/load.hpp"
-#include "support/address.hpp"
-#include "support/signals.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -99,19 +99,20 @@ void change(Experiment& experiment, const ExperimentArguments& options) {
     if (experiment.kind != kTaskKind)
       throw UsageError("experiment: --set needs an experiment that runs a scene; " + experiment.name +
                        " is of kind " + experiment.kind);
-    // The command line wins over what a variant sets.
+    // The command line overrides values of variants.
     for (auto& variant : experiment.variants)
       variant.set.push_back(
           {.key = text.substr(0, equals), .value = text.substr(equals + 1), .place = {"--set", 0}});
   }
 }
 
-// The person who confirms the steps of an experiment on arms: at the terminal, or a file for virtual arms.
-std::unique_ptr<Person> person_for(const ExperimentArguments& options, const Experiment& experiment,
-                                   const BackendOptions& backend, const Console& console) {
+// The person at the terminal who confirms the steps of an experiment on arms. Files of answers are for
+// virtual arms.
+std::unique_ptr<Person> person_for(const ExperimentArguments& options, const BackendOptions& backend,
+                                   const Console& console) {
   if (backend.kind != BackendKind::fci) {
     if (!options.answers.empty())
-      throw UsageError("experiment: --yes-to answers the steps of arms; it needs --backend fci");
+      throw UsageError("experiment: --answers is for steps on arms; it needs --backend fci");
     return nullptr;
   }
   if (backend.addresses.empty()) {
@@ -119,41 +120,35 @@ std::unique_ptr<Person> person_for(const ExperimentArguments& options, const Exp
         "experiment: --backend fci needs the address of every arm, such as --address arm=172.16.0.2; see "
         "multipanda experiment list and the scene for their names");
   }
-  if (options.answers.empty()) {
-    if (TerminalPerson::present()) return std::make_unique<TerminalPerson>(console);
-    throw UsageError(
-        "experiment: a run on arms asks a person at a terminal before anything moves, and standard input is "
-        "none; "
-        "tests on virtual arms answer by --yes-to FILE");
-  }
   for (const auto& [arm, address] : backend.addresses) {
-    if (is_on_this_computer(address)) continue;
+    if (options.answers.empty() || is_on_this_computer(address)) continue;
     throw UsageError(
-        fmt::format("experiment: --yes-to answers for virtual arms on this computer only, and arm '{}' is at "
-                    "{}; a person at "
-                    "a terminal has to confirm what a real arm does",
+        fmt::format("experiment: --answers is for virtual arms on this computer only, and arm '{}' is at {}; "
+                    "for real arms a person at a terminal must confirm each step",
                     arm, address));
   }
-  return std::make_unique<AnswerFile>(options.answers, experiment.name, backend.addresses,
-                                      [&console](const std::string& text) { console.line(text); });
+  Person::Options asking = Person::source(options.answers);
+  asking.early = true;
+  asking.show = [&console](const std::string&, const std::string& text) { console.line(text); };
+  asking.prompt = [&console](const std::string& text) { console.raw(text); };
+  return std::make_unique<Person>(std::move(asking));
 }
 
-// A person may confirm by habit that the scene has run with lower bounds; the memory of such runs says
-// whether. No more than a warning: a scene whose motion lasts longer than the run never counts.
+// A person may confirm from habit that the scene has run with lower bounds; the memory of such runs is a
+// check. Only a warning, because a scene whose motion lasts longer than the run never counts.
 void warn_of_first_run(const Experiment& experiment, const BackendOptions& backend, const Console& console) {
   if (experiment.scene.empty()) {
     console.line(
-        "WARNING: this experiment keeps the full bounds of its scenes; run them first with "
+        "WARNING: this experiment uses the full bounds of its scenes; run them first with "
         "multipanda run SCENE --backend fci --reduced --address ARM=ADDRESS");
     return;
   }
   const Scene scene = with_connections(open_scene(experiment.scene).scene, backend);
   if (!ReducedRun(scene, Reduction::as_usual, ReducedRun::first_runs_file()).reduced()) return;
-  console.line(
-      fmt::format("WARNING: no first run of this scene on physical arms is remembered, and an experiment "
-                  "keeps the scene's full "
-                  "bounds; first: multipanda run {} --backend fci --reduced --address ARM=ADDRESS",
-                  experiment.scene));
+  console.line(fmt::format(
+      "WARNING: there is no record of a first run of this scene on physical arms, and an experiment uses the "
+      "scene's full bounds; run first: multipanda run {} --backend fci --reduced --address ARM=ADDRESS",
+      experiment.scene));
 }
 
 std::string resume_command(const ExperimentArguments& options, const fs::path& directory) {
@@ -169,7 +164,7 @@ std::string resume_command(const ExperimentArguments& options, const fs::path& d
   for (const auto& beside : options.beside) text += " --beside '" + beside + "'";
   if (options.generator != "socket") text += " --generator " + options.generator;
   if (options.pace == "lockstep") text += " --pace lockstep";
-  if (!options.answers.empty()) text += " --yes-to " + options.answers;
+  if (!options.answers.empty()) text += " --answers " + options.answers;
   return text;
 }
 
@@ -206,25 +201,25 @@ int run(const ExperimentArguments& options) {
   BackendOptions backend = backend_options(options.backend);
   backend.lockstep = options.pace == "lockstep";
   if (backend.lockstep && backend.kind != BackendKind::virtual_arms)
-    throw UsageError("experiment: --pace needs --backend virtual; the world of simulated arms always waits");
+    throw UsageError("experiment: --pace needs --backend virtual; simulated arms always wait for commands");
 
   if (backend.kind == BackendKind::fci && all)
     throw UsageError("experiment all: --backend fci runs one experiment at a time; name it");
   if (!options.resume.empty() && all)
-    throw UsageError("experiment all: --resume goes on with one experiment; name it");
+    throw UsageError("experiment all: --resume continues a single experiment; name it");
   if (!options.beside.empty() && all) throw UsageError("experiment all: --beside needs a single experiment");
-  const std::unique_ptr<Person> person = person_for(options, experiments.front(), backend, console);
+  const std::unique_ptr<Person> person = person_for(options, backend, console);
 
   if (person != nullptr) warn_of_first_run(experiments.front(), backend, console);
 
   std::atomic<bool> stop{false};
   const SignalWatch watch([&](int) {
     stop = true;
-    console.line("stopping: the arms hold, then the run ends (interrupt again to quit at once)");
+    console.line("stopping: the arms hold, then the run ends (interrupt again after 2 s to quit at once)");
   });
   OpenedCockpit cockpit(options.cockpit, console);
-  cockpit.on_owed_stop([&] {
-    if (!stop.exchange(true)) console.line("stopped in the cockpit: no further run begins");
+  cockpit.on_stop_between_runs([&] {
+    if (!stop.exchange(true)) console.line("stopped in the cockpit: no further run is started");
   });
   const ExperimentProgress progress{.line = [&](const std::string& text) { console.line(text); },
                                     .stop = &stop};
@@ -251,7 +246,7 @@ int run(const ExperimentArguments& options) {
     ExperimentResult result;
     try {
       result = run_experiment(experiment, run_options, progress);
-    } catch (...) {  // an experiment that is refused before it runs leaves no empty folders
+    } catch (...) {  // a refused experiment leaves no empty folders
       std::error_code not_empty;
       fs::remove(run_options.directory, not_empty);
       fs::remove(directory, not_empty);
@@ -260,7 +255,7 @@ int run(const ExperimentArguments& options) {
     if (result.stopped) {
       if (!result.why_stopped.empty()) console.line("stopped: " + result.why_stopped);
       console.line("no report; finished runs are kept");
-      if (!all) console.line("go on with: " + resume_command(options, run_options.directory));
+      if (!all) console.line("continue with: " + resume_command(options, run_options.directory));
       return kFailed;
     }
     print_result(result, console);
@@ -326,16 +321,16 @@ void add_experiment(Program& program) {
       ->type_name("LOG")
       ->take_all();
   command
-      ->add_option(
-          "--resume", options->resume,
-          "Go on with an interrupted experiment in its folder DIR; finished runs are kept. The other "
-          "arguments are those that it was begun with")
+      ->add_option("--resume", options->resume,
+                   "Resume an interrupted experiment in its folder DIR; finished runs are kept. Give the "
+                   "same arguments as at its start")
       ->type_name("DIR");
   add_experiment_arguments(command, options->backend);
   command
-      ->add_option(
-          "--yes-to", options->answers,
-          "Answers to the questions before each step, instead of keys; virtual arms on this computer only")
+      ->add_option("--answers", options->answers,
+                   "File or pipe of lines 'QUESTION: answer' in place of a terminal, for virtual arms on "
+                   "this computer "
+                   "only; '-': standard input")
       ->type_name("FILE");
   add_cockpit_arguments(command, options->cockpit,
                         "Show the runs in a browser on this computer, one at a time, at a port of 127.0.0.1");

@@ -3,11 +3,11 @@
 #include <fstream>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "cli/program.hpp"
 #include "cli/report.hpp"
-#include "models/to_mjcf.hpp"
-#include "models/to_urdf.hpp"
+#include "models/write_robot.hpp"
 #include "report/lerobot.hpp"
 
 namespace multipanda::cli {
@@ -26,6 +26,10 @@ struct ExportOptions {
 int export_model(const ExportOptions& options) {
   namespace fs = std::filesystem;
   const RobotDescription robot = load_robot(options.what);
+  if (!robot.left_out_friction.empty())
+    fmt::print(stderr,
+               "note: the URDF's friction is left out, link_friction of the model's file would not be: {}\n",
+               fmt::join(robot.left_out_friction, ", "));
   const fs::path folder = options.out.empty() ? "." : options.out;
   fs::create_directories(folder);
   const auto write = [&](const std::string& ending, const std::string& text) {
@@ -42,7 +46,7 @@ int export_model(const ExportOptions& options) {
   return kSuccess;
 }
 
-// Makes a data set for LeRobot of the marked episodes of all logs.
+// Makes a LeRobot data set from the marked episodes of all logs.
 int export_dataset(LerobotOptions dataset, const ExportOptions& options) {
   for (const std::string& pair : options.leaders) {
     const auto equal = pair.find('=');
@@ -107,10 +111,9 @@ void add_export(Program& program) {
       "--mjcf", options->mjcf, "Write the model with motor inertia and viscous and dry friction as NAME.xml");
   for (CLI::Option* format : {urdf, mjcf}) format->excludes(csv)->excludes("--npz");
   command
-      ->add_option(
-          "--rotor-hidden", options->rotor_hidden,
-          "With --mjcf: how much of the rotors' inertia is left out, as if a torque loop of the arm hid it, "
-          "0 to 1; the rest becomes armature. Other programs have no such loop")
+      ->add_option("--rotor-hidden", options->rotor_hidden,
+                   "With --mjcf: fraction of the rotors' inertia that the arm's torque loop compensates, 0 "
+                   "to 1; the rest becomes armature. Other programs have no such loop")
       ->check(CLI::Range(0.0, 1.0))
       ->needs(mjcf)
       ->capture_default_str();
@@ -137,8 +140,13 @@ void add_export(Program& program) {
     return command->add_option(name, value, text)->type_name(type)->needs(lerobot);
   };
   option("--fps", dataset.fps, "Frames per second of the data set (default 30)", "N")
-      ->check(CLI::Range(1, 1000));
-  option("--task", dataset.task, "What was to be done, in words (default: the scene's name)", "TEXT");
+      ->check([](const std::string& text) {
+        const bool whole = text.find_first_not_of("0123456789") == std::string::npos;
+        return whole && CLI::Range(1, 1000)(text).empty()
+                   ? std::string()
+                   : "expected a whole number of frames per second, 1 to 1000, found " + text;
+      });
+  option("--task", dataset.task, "Task description (default: the scene's name)", "TEXT");
   option("--arms", dataset.arms, "Arms, in the order of the features (default: all)", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false);
@@ -149,13 +157,12 @@ void add_export(Program& program) {
          "Measured quantities: joints, velocities, torques, pose, wrench (default: joints)", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--grippers", dataset.grippers, "Arms whose fingers are part of it", "NAMES")
+  option("--grippers", dataset.grippers, "Arms whose fingers are included", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option(
-      "--leader", options->leaders,
-      "Use the measured motion of LEADER as the action of ARM, for arms that the run itself has made follow",
-      "ARM=LEADER")
+  option("--leader", options->leaders,
+         "Use the measured motion of LEADER as the action of ARM, for arms that followed in the run",
+         "ARM=LEADER")
       ->delimiter(',')
       ->allow_extra_args(false);
   option("--outcomes", dataset.outcomes,

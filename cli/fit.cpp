@@ -11,12 +11,12 @@
 #include "sysid/measured/scene_model.hpp"
 
 // `multipanda fit` finds delay and torque bandwidth of an arm, or the stiffness of a surface, by replaying a
-// log in simulation (docs/actuation_fit.md).
+// log in simulation (docs/identification.md).
 namespace multipanda::cli {
 namespace {
 
 namespace fs = std::filesystem;
-using Json = nlohmann::json;
+using Json = nlohmann::ordered_json;
 
 struct FitArguments {
   std::string log, arm, surface, plant_model, out;
@@ -62,7 +62,7 @@ int fit_surface_of(FitArguments& arguments, const MeasuredLog& log, const Scene&
 int fit_actuation_of(FitArguments& arguments, const MeasuredLog& log, const Scene& scene,
                      const Console& console) {
   const std::size_t arm = arm_of(scene, log);
-  // Not what a simulation lets act of the rotors: that is no figure of this arm.
+  // Without the motor inertia of the simulation, which is not identified from this arm.
   RobotDescription robot = plant_robot_of(scene.arms[arm]);
   const SceneArm& own = scene.arms[arm];
   robot.motor_inertia = (own.plant_model.empty() ? robot_of(own) : load_robot(own.plant_model)).motor_inertia;

@@ -7,12 +7,11 @@
 
 #include "cli/channel_arguments.hpp"
 #include "cli/console.hpp"
-#include "motion_generators/course_sink.hpp"
-#include "support/signals.hpp"
-#include "support/spelling.hpp"
+#include "common/signals.hpp"
+#include "common/spelling.hpp"
+#include "motion_generators/publish.hpp"
 
-// `multipanda generate` runs motion generators, each in a process of its own
-// (docs/motion_generator.md).
+// `multipanda generate` runs motion generators in separate processes (docs/motion_generator.md).
 namespace multipanda::cli {
 namespace {
 
@@ -89,7 +88,7 @@ int run(const GenerateOptions& options) {
     CourseRun run(course, starts);
     result = to_json(rehearse_course(run, publish), course);
   } else {
-    // Before any other thread exists, so that only this handler receives the signals.
+    // Before any other thread, so that only this handler receives the signals.
     const SignalWatch signals([&stop](int) { stop = true; });
     const auto set_points = open_channel(options.channel, "circular_field");
     CourseSink sink(*set_points, course);
@@ -99,7 +98,7 @@ int run(const GenerateOptions& options) {
     result = to_json(report, course);
     result["thread"] = thread;
     result["channels"] = json::array();
-    if (report.ended_by != "nobody_listens") {
+    if (report.ended_by != "no_receiver") {
       set_points->rest();
       result["channels"] = set_points->channels();
     }
@@ -112,10 +111,10 @@ int run(const GenerateOptions& options) {
     }
   }
   if (!arrived) console.line("failed: not every hand reached its last goal");
-  if (result["ended_by"] == "nobody_listens") console.line("failed: the run no longer accepts poses");
+  if (result["ended_by"] == "no_receiver") console.line("failed: the run no longer accepts poses");
   print(result, console);
   if (options.json) fmt::print("{}\n", result.dump());
-  return arrived && result["ended_by"] != "nobody_listens" ? kSuccess : kFailed;
+  return arrived && result["ended_by"] != "no_receiver" ? kSuccess : kFailed;
 }
 
 }  // namespace

@@ -9,12 +9,10 @@
 #include "cli/console.hpp"
 #include "cli/measured_arguments.hpp"
 #include "cli/program.hpp"
-#include "models/to_mjcf.hpp"
-#include "models/to_urdf.hpp"
 #include "models/write_robot.hpp"
 #include "sysid/identification/identification_json.hpp"
 
-// `multipanda identify` makes the model of an arm from logs (docs/identification.md).
+// `multipanda identify` makes an arm's model from logs (docs/identification.md).
 namespace multipanda::cli {
 namespace {
 
@@ -83,7 +81,7 @@ void say(const Identification& id, const Console& console) {
   }
 }
 
-// Throws before the fit, which takes seconds, if a result could not be written after it. Creates the folders.
+// Throws before the fit, which takes seconds, if a result could not be written. Creates the folders.
 void check_outputs(const IdentifyArguments& arguments) {
   for (const std::string& file : {arguments.out, arguments.urdf, arguments.mjcf}) {
     if (file.empty()) continue;

@@ -5,9 +5,9 @@
 
 namespace multipanda::cli {
 
-// Calls `on_end` once, on a thread of its own, when standard input ends. A program that starts a run keeps
-// the other end of a pipe: however it ends, also by SIGKILL, the kernel closes the pipe, and the run ends in
-// hold. What comes through the pipe is discarded.
+// Calls `on_end` once, on a separate thread, when standard input ends. A program that starts a run keeps the
+// other end of a pipe: however it ends, even by SIGKILL, the kernel closes the pipe, and the run ends in
+// hold. Input is discarded.
 //
 // Construct it after the SignalWatch, whose mask its thread inherits.
 class InputEndWatch {

@@ -9,7 +9,7 @@
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
-// A law on random states, before it may move an arm (core/plugin/law_trial.hpp).
+// Tests a law on random states before it moves an arm (core/plugin/law_trial.hpp).
 namespace multipanda::cli {
 namespace {
 
@@ -20,7 +20,7 @@ struct LawArguments {
   bool json = false;
 };
 
-// Every type that the library adds, or the one that was named.
+// All types added by the library, or the named one.
 std::vector<ControlletType> chosen_types(const LawArguments& arguments) {
   const std::size_t own = Registry::with_builtins().controllets().size();
   const Registry registry =
@@ -88,7 +88,7 @@ nlohmann::ordered_json input_of(const Reference& input) {
   }
 }
 
-// A number that is not finite becomes null, as JSON has none.
+// Non-finite numbers become null, which JSON supports.
 nlohmann::ordered_json sample_of(const LawTrialState& state) {
   nlohmann::ordered_json sample = {
       {"state", state.number}, {"started", state.started}, {"ok", state.result == LawResult::ok}};
@@ -152,7 +152,7 @@ void add_law(Program& program) {
                   "Fails (exit code 1) on a fault, or above --most-us.");
   command->add_option("library", arguments->library,
                       "Library of a controllet, as a scene names it in plugins");
-  command->add_option("--type", arguments->type, "One type only, also of multipanda's own");
+  command->add_option("--type", arguments->type, "One type only, which may be built in");
   command->add_option("--model", arguments->model, "Robot model of every arm (default fer)");
   command->add_option("--states", arguments->trial.states, "Number of random states (default 10000)")
       ->check(CLI::Range(1, 10000000));

@@ -5,11 +5,11 @@
 #include <fmt/ranges.h>
 
 #include "cli/program.hpp"
-#include "config_file/text.hpp"
+#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "models/robot_description.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -49,7 +49,7 @@ int list_models() {
   return kSuccess;
 }
 
-// A scene that is refused is listed with the reason.
+// A refused scene is listed with the reason.
 int list_scenes() {
   for (const auto& name : available_scenes()) {
     try {
@@ -97,7 +97,7 @@ void print_descriptor(const ControlletDescriptor& s, std::size_t joint_count) {
 
 int list_parameters(const ListOptions& options) {
   const Registry registry = registry_of(options);
-  std::size_t joint_count = 7;  // shown if no scene gives the joint count
+  std::size_t joint_count = 7;  // used if no scene gives the joint count
   if (!options.scene.empty()) {
     joint_count = 0;
     for (const auto& arm : open_scene(options.scene).scene.arms)

@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "core/state/arm_mode_name.hpp"
+#include "core/state/arm_state.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -15,7 +15,7 @@ constexpr std::size_t kNewsLines = 8;
 constexpr std::size_t kWidest = 100;
 constexpr std::size_t kIndent = 13;  // of a continued line: the width of its time
 
-// At most `width` columns; ends in "~" where it was cut. ASCII only.
+// Truncated to `width` columns, marked by "~". ASCII only.
 std::string fit(std::string text, std::size_t width) {
   if (text.size() <= width) return text;
   text.resize(width > 0 ? width - 1 : 0);
@@ -23,7 +23,7 @@ std::string fit(std::string text, std::size_t width) {
   return text;
 }
 
-// The text in lines of at most `width` columns, broken at spaces if possible.
+// The text in lines of at most `width` columns, broken at spaces where possible.
 std::vector<std::string> wrapped(std::string text, std::size_t width) {
   std::vector<std::string> lines;
   const std::size_t indent = width > 2 * kIndent ? kIndent : 0;
@@ -47,7 +47,7 @@ std::string error_text(const ArmStatus& arm) {
   return fmt::format("{:.{}f} m{}", error, error < 100 ? 2 : 0, arm.tracking_unit);
 }
 
-// Fraction of answered commands and lost packets of an arm at the other end of a network.
+// Fraction of answered commands, and lost packets, of an arm on the network.
 std::string connection_text(const ArmStatus& arm) {
   if (!arm.connection) return fmt::format("{:>7} {:>5}", "-", "-");
   return fmt::format("{:>5.0f} % {:>5}", 100 * arm.connection->command_success_rate, arm.connection->lost);
@@ -86,7 +86,7 @@ std::vector<std::string> table_lines(const RunStatus& status, const std::string&
                       "error", "torque", "mode", connected ? " success  lost" : "", "limited"),
           width),
       "4", color));
-  // A table higher than the screen cannot be redrawn in place: messages are left out first, then arms.
+  // A table higher than the screen cannot be redrawn in place: messages are omitted first, then arms.
   const std::size_t room = style.height > lines.size() + 1 ? style.height - lines.size() - 1 : 1;
   const std::size_t arms = status.arms.size() <= room ? status.arms.size() : room - 1;
   for (std::size_t i = 0; i < arms; ++i) {
@@ -110,7 +110,7 @@ std::vector<std::string> table_lines(const RunStatus& status, const std::string&
     shown.insert(shown.begin(), pieces.begin(), pieces.end());
   }
   while (shown.size() > news) shown.pop_front();
-  shown.resize(news);  // always as many lines: the table keeps its height
+  shown.resize(news);  // constant number of lines: the table keeps its height
   lines.insert(lines.end(), shown.begin(), shown.end());
   return lines;
 }
@@ -156,7 +156,7 @@ void LiveDisplay::finish(const RunStatus& status) {
   console_.line(plain_line(status, duration_s_));
 }
 
-// One write per update; each line is overwritten and cleared to its end, so that nothing flickers.
+// One write per update; each line is overwritten and cleared to its end, to avoid flicker.
 void LiveDisplay::draw(const RunStatus& status) {
   const auto lines = table_lines(
       status, scene_, duration_s_,

@@ -10,7 +10,7 @@
 namespace multipanda::cli {
 
 struct TableStyle {
-  std::size_t width = 100, height = 24;  // columns and lines at most (color codes not counted)
+  std::size_t width = 100, height = 24;  // largest number of columns and lines (color codes not counted)
   bool color = false;
 };
 // The live table as lines. Its height depends on the number of arms and the style only. Columns: torque as a
@@ -26,7 +26,7 @@ class LiveDisplay {
  public:
   LiveDisplay(const Console& console, std::string scene, double duration_s);
   void show(const RunStatus& status);    // call every kPeriod_s
-  void finish(const RunStatus& status);  // the last state stays on the screen
+  void finish(const RunStatus& status);  // leaves the last state on the screen
 
   static constexpr double kPeriod_s = 0.2;
 

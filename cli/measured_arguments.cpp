@@ -78,7 +78,7 @@ GivenBase read_base(const std::string& text) {
   return base;
 }
 
-// A log is named by its path as given, or by the last part of it: file, or folder of the run.
+// A log is named by its path as given, or by its last part: file or run folder.
 bool names(const std::string& given, const MeasuredLog& log) {
   namespace fs = std::filesystem;
   fs::path path(log.source);
@@ -105,7 +105,7 @@ std::vector<Mounting> mount(std::vector<MeasuredLog>& logs, const MeasuredArgume
           RigidBody{m, Vector3(arguments.tool[1], arguments.tool[2], arguments.tool[3]),
                     1e-4 * m * Matrix3::Identity()};
     }
-    for (const bool of_all : {true, false}) {  // the base of one log replaces that of all
+    for (const bool of_all : {true, false}) {  // the base of one log overrides that of all
       for (GivenBase& base : bases) {
         if (base.log.empty() != of_all || !(of_all || names(base.log, log))) continue;
         mounting.gravity_B = base.gravity_B;

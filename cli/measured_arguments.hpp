@@ -8,7 +8,7 @@
 
 namespace multipanda::cli {
 
-// What `identify` and `predict` have in common: how logs are read, and what is mounted on the flange.
+// Shared by `identify` and `predict`: reading logs, and the equipment on the flange.
 struct MeasuredArguments {
   std::string arm, columns;
   std::vector<double> tool;        // mass [kg], center of mass [m] (4), or empty
@@ -23,7 +23,7 @@ std::vector<MeasuredLog> read_one_arm(const std::string& given, const MeasuredAr
 
 // Hand, tool and base of each log: from the arguments, otherwise from the log (scene, CSV header), otherwise
 // a bare flange on a level base. Sets the logs' gravity_B. Throws UsageError for a base of no log, and
-// LogRefused for logs that cannot be one set of data (refuse_unlike).
+// LogRefused for logs that cannot be combined (refuse_unlike).
 std::vector<Mounting> mount(std::vector<MeasuredLog>& logs, const MeasuredArguments& arguments,
                             bool with_load);
 

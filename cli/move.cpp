@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <stop_token>
 #include <thread>
 
@@ -10,11 +9,10 @@
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
 #include "cli/run_session.hpp"
+#include "common/spelling.hpp"
 #include "runtime/motion/joint_move.hpp"
 #include "scene/build.hpp"
-#include "scene/carried_arms.hpp"
 #include "scene/load.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -57,16 +55,9 @@ JointVector goal_of(const MoveOptions& options, const SceneArm& arm) {
     throw UsageError(fmt::format("move: arm '{}' has {} joints, found {} angles (or use 'home')", arm.name, n,
                                  numbers.size()));
   }
-  const JointVector goal = Eigen::Map<const Eigen::VectorXd>(numbers.data(), static_cast<Eigen::Index>(n));
-  const ArmLimits& limits = arm.safety.joints;
-  for (Eigen::Index j = 0; j < goal.size(); ++j) {
-    if (goal[j] >= limits.q_min[j] && goal[j] <= limits.q_max[j]) continue;
-    const bool degrees = std::abs(goal[j]) > 2 * std::numbers::pi;
-    throw UsageError(fmt::format("move: joint {} of arm '{}' reaches from {:g} to {:g} rad, found {:g}{}",
-                                 j + 1, arm.name, limits.q_min[j], limits.q_max[j], goal[j],
-                                 degrees ? " (angles are radians; this looks like degrees)" : ""));
-  }
-  return goal;
+  if (const std::string why = build_controller_model(arm)->joint_range().refusal(numbers); !why.empty())
+    throw UsageError(fmt::format("move: arm '{}': {}", arm.name, why));
+  return Eigen::Map<const Eigen::VectorXd>(numbers.data(), static_cast<Eigen::Index>(n));
 }
 
 // Simulated arms start at the scene's configuration: the motion is an event of the timeline.
@@ -115,7 +106,7 @@ int run(const MoveOptions& options) {
     throw UsageError(fmt::format("move: the scene has no arm '{}'{}", options.arm,
                                  name_hint(options.arm, names, "no arms")));
   }
-  // Not remembered: a motion to a posture tells nothing of what the scene does.
+  // Not recorded as a first run: a motion to a posture does not test the scene.
   const ReducedRun reduced_run(scene, options.full_speed ? Reduction::refused : Reduction::as_usual,
                                ReducedRun::first_runs_file());
   reduced_run.apply(scene);
@@ -187,7 +178,7 @@ void add_move(Program& program) {
       ->check(CLI::Range(0.01, JointMove::kLargestSpeed))
       ->capture_default_str();
   command->add_flag("--full-speed", options->full_speed,
-                    "The scene's own bounds, also before its first run on physical arms");
+                    "Use the scene's own bounds, even before its first run on physical arms");
   command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
   command->add_option("--record", options->record, "Record the log into a new folder inside DIR")
       ->type_name("DIR");

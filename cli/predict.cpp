@@ -4,6 +4,7 @@
 #include "cli/measured_arguments.hpp"
 #include "cli/program.hpp"
 #include "sysid/identification/identification_json.hpp"
+#include "sysid/identification/misfit.hpp"
 
 // `multipanda predict` compares the torque that models predict for the motion of a log with the measured one.
 namespace multipanda::cli {
@@ -33,14 +34,18 @@ int run(PredictArguments& arguments) {
 
   nlohmann::ordered_json figures;
   for (const std::string& name : arguments.models) {
-    const Prediction prediction = predict(logs.front(), load_robot(name), options);
+    const RobotDescription robot = load_robot(name);
+    const Prediction prediction = predict(logs.front(), robot, options);
+    if (const auto found = misfit(logs.front(), robot, options); !found.empty())
+      console.line("warning: " + found);
+    if (const auto left = outside_range(logs.front(), robot); !left.empty()) console.line("warning: " + left);
     std::string joints;
     for (const double value : prediction.rmse) joints += fmt::format(" {:7.4f}", value);
     console.line(fmt::format("{:<24} mean {:.4f} N m, joints{}, unfiltered {:.4f}", name,
                              prediction.rmse_mean, joints, prediction.rmse_unfiltered.mean()));
     nlohmann::ordered_json entry = to_json(prediction);
     entry["model"] = name;
-    if (figures.is_null()) {  // the figures of the first model, for users of a single one
+    if (figures.is_null()) {  // figures of the first model, for users of a single one
       figures = entry;
       figures["models"] = nlohmann::ordered_json::array();
     }
@@ -57,7 +62,7 @@ void add_predict(Program& program) {
   CLI::App* command = program.add(
       "predict", "Compare the torque that models predict for the motion of a log with the measured one",
       "  multipanda predict other.csv --model my/panda.yaml --json\n"
-      "  multipanda predict other.csv --model my/panda.yaml --model fer --model fer_maker");
+      "  multipanda predict other.csv --model my/panda.yaml --model fer");
   command->add_option("log", arguments->log, "CSV file, log, or folder of a run")
       ->required()
       ->type_name("LOG");

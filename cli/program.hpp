@@ -1,22 +1,23 @@
 #pragma once
 
+#include <initializer_list>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include <CLI/CLI.hpp>
 
-// The command line. Each command has a file of its own, with a function add_<command>(program).
+// The command line. Each command has its own file, with a function add_<command>(program).
 namespace multipanda::cli {
 
 // Exit codes of every command (docs/command_line.md).
 enum ExitCode : int {
   kSuccess = 0,
   kFailed = 1,  // the run failed
-  kUsage = 2,   // invalid arguments or a refused scene: nothing was tried
+  kUsage = 2,   // invalid arguments or a refused scene: nothing was run
 };
 
-// Wrong usage that a command detects while it runs. what() states what was expected.
+// Usage error that a command detects while it runs. what() states what was expected.
 struct UsageError : std::invalid_argument {
   using std::invalid_argument::invalid_argument;
 };
@@ -33,6 +34,17 @@ struct Program {
   }
 };
 
+struct ProgramWords {
+  std::string name, description, footer;
+};
+using AddCommand = void (*)(Program&);
+
+// A program's main(): parses the arguments, runs the command and returns its exit code.
+int run_program(int argc, char** argv, const ProgramWords& words, std::initializer_list<AddCommand> commands);
+
+// Replaces this process by another program of the same folder. Returns an exit code if it cannot.
+int become(const char* program, char** argv);
+
 void add_run(Program& program);
 void add_move(Program& program);
 void add_demo(Program& program);
@@ -43,7 +55,7 @@ void add_cockpit(Program& program);
 void add_report(Program& program);
 void add_repair(Program& program);
 void add_export(Program& program);
-void add_bench(Program& program);
+void add_bridge(Program& program);
 void add_docs(Program& program);
 void add_experiment(Program& program);
 void add_compare(Program& program);

@@ -74,6 +74,38 @@ TEST_F(ReducedRunTest, AChangedPluginIsAnotherScene) {
   EXPECT_FALSE(ReducedRun(scene, Reduction::as_usual, memory_).reduced());
 }
 
+// Limits, inertia and reach of the arms are in their models, also in files that these name; and who stands
+// beside other arms has not seen the scene on them.
+TEST_F(ReducedRunTest, AChangedModelOrAnotherArmIsAnotherScene) {
+  std::filesystem::create_directories(folder_);
+  const auto write = [&](const std::string& name, const std::string& base, const char* more = "") {
+    std::ofstream(folder_ / (name + ".yaml"))
+        << "name: " << name << "\ntitle: Mine\nbase: " << base << more << '\n';
+  };
+  const auto restore = [&] {
+    write("own", "between");
+    write("between", "fer");
+  };
+  restore();
+  Scene scene = scene_with("172.16.0.2");
+  scene.arms[1].model = folder_ / "own.yaml";
+  const ReducedRun first(scene, Reduction::as_usual, memory_);
+  ASSERT_EQ(first.remember(seen(scene, {1, 9.5, 10})), "");
+  const auto reduced = [&] { return ReducedRun(scene, Reduction::as_usual, memory_).reduced(); };
+  EXPECT_FALSE(reduced());
+  write("own", "between", "\n# of another day");
+  EXPECT_TRUE(reduced());
+  restore();
+  write("between", "fer", "\nrated_payload_kg: 1");
+  EXPECT_TRUE(reduced());
+  restore();
+  EXPECT_FALSE(reduced());
+  scene.arms[1].fci->address = "172.16.1.2";
+  EXPECT_TRUE(reduced());
+  scene.arms[1].fci->address = "172.16.0.2";
+  EXPECT_FALSE(reduced());
+}
+
 TEST_F(ReducedRunTest, FirstRunOnPhysicalArmsUntilOneSucceeded) {
   Scene scene = scene_with("172.16.0.2");
   const ReducedRun first(scene, Reduction::as_usual, memory_);

@@ -8,11 +8,11 @@
 #include "cli/backend_arguments.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
+#include "common/machine.hpp"
+#include "common/signals.hpp"
 #include "logs/recorder.hpp"
-#include "support/address.hpp"
-#include "support/signals.hpp"
 
-// `multipanda refine` adapts the simulation of a task to its arms (docs/refine.md).
+// `multipanda refine` adapts the simulation of a task to its arms (docs/identification.md).
 namespace multipanda::cli {
 namespace {
 
@@ -59,7 +59,7 @@ int run(RefineArguments& arguments) {
   std::atomic<bool> stop{false};
   const SignalWatch watch([&](int) {
     stop = true;
-    console.line("stopping: the arms hold, then the run ends (interrupt again to quit at once)");
+    console.line("stopping: the arms hold, then the run ends (interrupt again after 2 s to quit at once)");
   });
   arguments.options.directory = make_run_directory(arguments.out, "refine_" + experiment.name);
   arguments.options.page = !arguments.no_page;
@@ -106,7 +106,7 @@ void add_refine(Program& program) {
   command
       ->add_option("--drives", arguments->drives,
                    "Drives of these arms: ideal, or motors (rotors, elastic joints and gear ripple, which "
-                   "no identified model has)")
+                   "identified models cannot express)")
       ->check(CLI::IsMember({"ideal", "motors"}))
       ->capture_default_str();
   command->add_option("--address", arguments->addresses, "Address of a real arm, once per arm")
@@ -119,7 +119,7 @@ void add_refine(Program& program) {
       ->check(CLI::Range(1, 100))
       ->capture_default_str();
   command->add_option("--variant", options.variant,
-                      "Variant of the experiment (default: the first that is judged)");
+                      "Variant of the experiment (default: the first with limits)");
   command->add_option("--plant", options.plant, "Fidelity of the simulation")
       ->check(CLI::IsMember({"ideal", "realistic"}))
       ->capture_default_str();

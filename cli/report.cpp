@@ -57,7 +57,7 @@ fs::path find_log(const fs::path& directory) {
 
 fs::path report_of(const fs::path& log, const Console& console, const RunSummary* run) {
   ReportOptions options;
-  options.controllets = {faulty_controllet()};  // used by the demo's scene
+  options.controllets = {faulty_controllet()};  // for the demo's scene
   if (run != nullptr) {
     for (const auto& step : run->thread)
       options.info["thread: " + step.what] = step.done ? "done" : "not done: " + step.reason;

@@ -7,12 +7,12 @@
 
 namespace multipanda::cli {
 
-// The log in DIR: DIR itself if it is a file, the log inside, or that of the newest run inside.
-// Throws UsageError if there is none.
+// The log in DIR: DIR itself if it is a file, the log inside, or that of the newest run inside. Throws
+// UsageError if there is none.
 std::filesystem::path find_log(const std::filesystem::path& directory);
 
-// Makes the report of a log and prints what is missing in it, or why there is none. Returns the path of the
-// page, empty if it failed. `run` adds what the log does not have, such as the thread set-up; it may be null.
+// Makes the report of a log; prints what is missing in it, or why it failed. Returns the path of the page,
+// empty on failure. `run` adds information that the log lacks, such as the thread set-up; it may be null.
 std::filesystem::path report_of(const std::filesystem::path& log, const Console& console,
                                 const RunSummary* run = nullptr);
 

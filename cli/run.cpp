@@ -12,17 +12,19 @@
 #include "report/page_script.hpp"
 #include "runtime/live_input/socket_path.hpp"
 #include "runtime/ros_module.hpp"
-#include "scene/carried_arms.hpp"
+#include "scene/build.hpp"
 #include "scene/load.hpp"
+#include "scene/set_values.hpp"
 
 namespace multipanda::cli {
 namespace {
 
-constexpr double kUnpacedDefault = 10;  // [s]; an unpaced run without an end would fill the disk
+constexpr double kUnpacedDefault = 10;  // an endless unpaced run would fill the disk [s]
 
 struct RunOptions {
   std::string scene;
   SceneAdditions additions;
+  std::vector<std::string> settings;
   std::optional<double> seconds;
   bool fast = false, json = false, report = false, no_timeline = false, until_input_ends = false;
   bool reduced = false, full_speed = false;
@@ -36,8 +38,8 @@ struct RunOptions {
   CockpitArguments cockpit;
 };
 
-// Sets the run's socket. Unpaced runs have one only on request, because they are too short to be commanded. A
-// second run of the same scene takes the second path.
+// Sets the run's socket. Unpaced runs, usually too short for commands, have one only on request. A second run
+// of the same scene takes the second path.
 void set_socket(const RunOptions& options, const std::string& scene, const Console& console,
                 SessionOptions& session) {
   if (!options.socket.empty()) session.socket = options.socket;
@@ -77,6 +79,10 @@ int run(const RunOptions& options) {
   const LogEvery log_every = log_choice(options);
   const BackendOptions backend = backend_options(options.backend);
   OpenedScene opened = open_scene(options.scene, options.additions);
+  if (!options.settings.empty()) {
+    opened.scene = with_values(opened, options.settings);
+    for (const auto& setting : options.settings) console.line(fmt::format("set: {}", setting));
+  }
   opened.scene = with_connections(std::move(opened.scene), backend);  // refused before anything starts
   if (options.ros) refuse_carried_arms(opened.scene, "ROS (--ros)");
   if (options.cockpit.asked) refuse_carried_arms(opened.scene, "the page (--cockpit)");
@@ -106,7 +112,7 @@ int run(const RunOptions& options) {
   }
   StopSignals signals(console);
   OpenedCockpit cockpit(options.cockpit, console);
-  cockpit.prepare(opened.scene, session_options);
+  cockpit.prepare(session_options);
   std::optional<InputEndWatch> input;
   if (options.until_input_ends) input.emplace([&signals] { signals.stop(); });
   // ROS starts threads: the signal handling must be set up first.
@@ -168,6 +174,13 @@ void add_run(Program& program) {
                    "Controllet in addition to those of the scene, as in a scene file: "
                    "'{name: soft, type: my_law, arms: arm}'; may be repeated")
       ->type_name("YAML");
+  command
+      ->add_option(
+          "--set", options->settings,
+          "Another value of the scene: 'controllets.cartesian.inputs.pose.timeout_s=0.5'; may be repeated")
+      ->type_name("KEY=VALUE")
+      ->expected(1)
+      ->take_all();
   command->add_flag("--no-timeline", options->no_timeline,
                     "Ignore the scene's timeline and duration_s: run until Ctrl-C, for multipanda ctl");
   CLI::Option* reduced = command->add_flag(
@@ -175,7 +188,7 @@ void add_run(Program& program) {
       "Hands at most 0.1 m/s, springs at most 30 N: the default of a scene's first run on physical arms");
   command
       ->add_flag("--full-speed", options->full_speed,
-                 "The scene's own bounds, also in its first run on physical arms")
+                 "Use the scene's own bounds, even in its first run on physical arms")
       ->excludes(reduced);
   command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
   command->add_option("--record", options->record, "Record the log into a new folder inside DIR")
@@ -183,7 +196,7 @@ void add_run(Program& program) {
   command
       ->add_option("--log-every", options->log_every,
                    "How often the log has state, command, wrench, references, outputs, timing, model or all: "
-                   "every Nth cycle, 0: never (default 1, model 10). Events and switches are always whole")
+                   "every Nth cycle, 0: never (default 1, model 10). Events and switches are always complete")
       ->type_name("GROUP=N")
       ->take_all();
   command->add_flag("--report", options->report, "Make the report afterwards (needs --record)");

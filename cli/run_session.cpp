@@ -1,14 +1,96 @@
 #include "cli/run_session.hpp"
 
 #include <algorithm>
+#include <cstdint>
+#include <functional>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <termios.h>
+#include <thread>
+#include <unistd.h>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "cli/key_watch.hpp"
 #include "cli/live_table.hpp"
+#include "core/types/gap_watch.hpp"
 
 namespace multipanda::cli {
+namespace {
+
+// Single keys from the terminal, without Enter, on a separate thread: the stop key must not wait for drawing.
+// Does nothing if the input is not a terminal. Ctrl-C and similar keys still raise their signals; the
+// terminal is restored afterwards.
+class KeyWatch {
+ public:
+  // `late`: perhaps pressed before this program stood still (GapWatch).
+  using OnKey = std::function<void(char key, bool late)>;
+  explicit KeyWatch(OnKey on_key);
+  ~KeyWatch();
+  KeyWatch(const KeyWatch&) = delete;
+
+  bool active() const { return thread_.joinable(); }
+
+ private:
+  bool take_single_keys();
+  void watch();
+
+  OnKey on_key_;
+  termios before_{};
+  int end_file_ = -1;
+  GapWatch gaps_;  // the thread's
+  std::thread thread_;
+};
+
+KeyWatch::KeyWatch(OnKey on_key) : on_key_(std::move(on_key)) {
+  // A background process must not change the terminal: it would be suspended.
+  if (isatty(STDIN_FILENO) == 0 || tcgetpgrp(STDIN_FILENO) != getpgrp()) return;
+  if (tcgetattr(STDIN_FILENO, &before_) != 0) return;
+  end_file_ = eventfd(0, EFD_CLOEXEC);
+  if (end_file_ < 0) return;
+  if (!take_single_keys()) return;
+  (void)gaps_.look();
+  thread_ = std::thread([this] { watch(); });
+}
+
+KeyWatch::~KeyWatch() {
+  if (thread_.joinable()) {
+    const std::uint64_t one = 1;
+    (void)!write(end_file_, &one, sizeof(one));
+    thread_.join();
+    tcsetattr(STDIN_FILENO, TCSANOW, &before_);
+  }
+  if (end_file_ >= 0) close(end_file_);
+}
+
+// Without waiting for the end of a line. A shell gives its own settings back after Ctrl-Z and `fg`.
+bool KeyWatch::take_single_keys() {
+  termios keys{};
+  if (tcgetattr(STDIN_FILENO, &keys) != 0) return false;
+  constexpr tcflag_t kLines = ICANON | ECHO;
+  if ((keys.c_lflag & kLines) == 0) return true;
+  keys.c_lflag &= ~kLines;
+  return tcsetattr(STDIN_FILENO, TCSANOW, &keys) == 0;
+}
+
+void KeyWatch::watch() {
+  constexpr int kSliceMs = 100;
+  while (true) {
+    // In the background, after Ctrl-Z and `bg`, keys are the shell's: to read them would stop this program.
+    const bool foreground = tcgetpgrp(STDIN_FILENO) == getpgrp();
+    if (foreground) (void)take_single_keys();
+    pollfd files[2] = {{end_file_, POLLIN, 0}, {STDIN_FILENO, POLLIN, 0}};
+    const int count = poll(files, foreground ? 2 : 1, kSliceMs);
+    (void)gaps_.look();
+    if (count <= 0) continue;
+    if (files[0].revents != 0) return;
+    char key = 0;
+    if (read(STDIN_FILENO, &key, 1) != 1) return;  // the terminal was closed
+    on_key_(key, gaps_.settles());
+  }
+}
+
+}  // namespace
 
 StopSignals::StopSignals(const Console& console) : console_(console) {
   watch_.emplace([this](int) { stop(); });
@@ -27,7 +109,7 @@ void StopSignals::stop() {
   requested_ = true;
   if (session_ != nullptr) session_->stop();
   if (!console_.is_terminal()) {
-    console_.line("stopping: the arms hold, then the run ends (interrupt again to quit at once)");
+    console_.line("stopping: the arms hold, then the run ends (interrupt again after 2 s to quit at once)");
   }
 }
 
@@ -35,7 +117,7 @@ namespace {
 
 // Space stops all arms, a digit the arm of that number; r ends the stop. Controllets that ran before stay
 // inactive until they are requested.
-void handle_key(char key, Session& session) {
+void handle_key(char key, bool late, Session& session) {
   MultimodeController& modes = session.modes();
   const ArmSet all = ArmSet::all(modes.arm_count());
   if (key == ' ' || key == 's') modes.stop(all);
@@ -43,7 +125,7 @@ void handle_key(char key, Session& session) {
     const auto arm = static_cast<ArmIndex>(key - '1');
     if (all.contains(arm)) modes.stop(ArmSet::of(arm));
   }
-  if (key == 'r') {
+  if (key == 'r' && !late) {
     const Request resume{.kind = Request::Kind::resume, .arms = all};
     std::uint64_t ticket = 0;
     (void)modes.post(std::span(&resume, 1), ticket);
@@ -58,28 +140,26 @@ RunSummary run_session(Session& session, StopSignals& signals, const Console& co
       console.line(fmt::format("arm '{}': looser than the manufacturer's limit: {}", arm.name, text));
     }
     if (!arm.unguarded.empty()) {
-      console.line(fmt::format("arm '{}': collision shapes that are not kept apart: {}", arm.name,
+      console.line(fmt::format("arm '{}': collision shapes that are not checked: {}", arm.name,
                                fmt::join(arm.unguarded, ", ")));
     }
-    if (arm.fci && arm.fci->rate_limit) {
-      console.line(fmt::format(
-          "arm '{}': 'fci: rate_limit' has no effect, the torque's rate is always limited; remove "
-          "the key, the next release refuses it",
-          arm.name));
+    if (!arm.left_out_friction.empty()) {
+      console.line(fmt::format("arm '{}': the URDF's friction is not simulated: {}", arm.name,
+                               fmt::join(arm.left_out_friction, ", ")));
     }
   }
   for (const auto& text : session.scene().lifted) {
-    console.line(fmt::format("contact bound lifted by the scene: {}", text));
+    console.line(fmt::format("contact bound raised by the scene: {}", text));
   }
   for (const auto& text : session.scene().unsafer_laws) {
-    console.line(fmt::format("law without all safeguards: {}", text));
+    console.line(fmt::format("law with reduced safeguards: {}", text));
   }
   for (const auto& text : session.scene().lowered) console.line(text);
   for (const auto& text : session.scene().near_leaders) console.line(text);
   signals.attach(session);
   LiveDisplay display(console, session.scene().name, session.duration_s());
   session.start();
-  const KeyWatch keys([&](char key) { handle_key(key, session); });
+  const KeyWatch keys([&](char key, bool late) { handle_key(key, late, session); });
   if (keys.active())
     console.line("keys: space stops all arms (hold), 1-9 one arm, r resumes, Ctrl-C ends the run");
   while (!session.wait_for_end(LiveDisplay::kPeriod_s)) display.show(session.status());

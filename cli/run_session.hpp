@@ -5,19 +5,20 @@
 #include <string>
 
 #include "cli/console.hpp"
+#include "common/signals.hpp"
 #include "runtime/session.hpp"
-#include "support/signals.hpp"
 
 namespace multipanda::cli {
 
-// Ctrl-C, SIGTERM and a closed terminal end the session in hold; a second signal ends the process at once.
+// Ctrl-C, SIGTERM and a closed terminal end the session in hold; a second signal, 2 s later or more, ends the
+// process at once.
 // Construct it before the session: existing threads, such as the simulation's, would receive the signals.
 class StopSignals {
  public:
   explicit StopSignals(const Console& console);
   void attach(Session& session);  // an earlier signal counts
   void end();                     // restores the signals
-  void stop();                    // as the first signal
+  void stop();                    // same effect as the first signal
 
  private:
   const Console& console_;

@@ -1,4 +1,4 @@
-#include "soak/soak.hpp"
+#include "benchmarks/soak/soak.hpp"
 
 #include <filesystem>
 
@@ -9,7 +9,7 @@
 #include "logs/recorder.hpp"
 #include "report/page_script.hpp"
 #include "runtime/session.hpp"
-#include "scene/carried_arms.hpp"
+#include "scene/build.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::cli {
@@ -46,7 +46,8 @@ int run(SoakArguments& arguments) {
   fmt::print("{}\n", result.passed()
                          ? "no invariant was violated"
                          : fmt::format("{} violations of the invariants", result.violation_count));
-  if (!arguments.no_page) PageScript("soak/soak_page.py", "the page").run({options.folder.string()});
+  if (!arguments.no_page)
+    PageScript("benchmarks/soak/soak_page.py", "the page").run({options.folder.string()});
   fmt::print("results: {}\n", options.folder.string());
   return result.passed() ? kSuccess : kFailed;
 }
@@ -71,10 +72,18 @@ void add_soak(Program& program) {
       ->capture_default_str();
   command->add_flag("--bare-joints", arguments->options.bare_joints,
                     "Assume no motor inertia (0.1 kg m^2 per joint) where an arm's model states none");
-  command->add_option("--out", arguments->out, "Folder in which the run's folder is made")
-      ->capture_default_str();
+  command->add_option("--out", arguments->out, "Folder for the run's folder")->capture_default_str();
   command->add_flag("--no-page", arguments->no_page, "Write soak.json only");
   program.on(command, [arguments] { return run(*arguments); });
 }
 
 }  // namespace multipanda::cli
+
+// The program `multipanda-soak`.
+int main(int argc, char** argv) {
+  return multipanda::cli::run_program(argc, argv,
+                                      {.name = "multipanda lab",
+                                       .description = "Endurance runs.",
+                                       .footer = "Exit codes: 0 success; 1 run failed; 2 invalid arguments."},
+                                      {multipanda::cli::add_soak});
+}

@@ -1,4 +1,4 @@
-#include "study/study.hpp"
+#include "experiments/study/study.hpp"
 
 #include <cstdlib>
 #include <filesystem>
@@ -8,13 +8,13 @@
 #include <fmt/format.h>
 
 #include "cli/program.hpp"
-#include "experiments/generator_process.hpp"
+#include "common/own_files.hpp"
+#include "experiments/processes.hpp"
+#include "experiments/study/scene_run.hpp"
 #include "report/page_script.hpp"
-#include "study/scene_run.hpp"
-#include "support/own_files.hpp"
 
-// `multipanda study`: this program reads the file and runs single runs (--worker); Python, which can talk to
-// clusters, lets them run (python/multipanda/study_command.py).
+// `multipanda study`: this program reads the file and executes single runs (--worker); Python, which can use
+// clusters, schedules them (python/multipanda/study_command.py).
 namespace multipanda::cli {
 namespace {
 
@@ -27,8 +27,8 @@ struct StudyArguments {
   bool json = false, no_page = false, any_machine = false, plan = false, worker = false;
 };
 
-// First a line with the version. Then a run per line of standard input, its result per line of standard
-// output, until the input ends, as when the process that reads them has ended.
+// Prints a line with the version. Then each line of standard input is a run, and each line of output its
+// result, until the input ends.
 int serve() {
   fmt::print("{}\n", Json{{"version", MULTIPANDA_VERSION}}.dump());
   std::fflush(stdout);
@@ -48,7 +48,7 @@ int serve() {
 int run(const StudyArguments& arguments) {
   if (arguments.worker) return serve();
   if (!arguments.page.empty()) {
-    PageScript("study/study_page.py", "the page").run({arguments.page});
+    PageScript("experiments/study/study_page.py", "the page").run({arguments.page});
     return kSuccess;
   }
   if (arguments.file.empty()) throw UsageError("study: expected a file");
@@ -57,7 +57,7 @@ int run(const StudyArguments& arguments) {
     return kSuccess;
   }
   const std::string python = page_python().string();
-  const std::string script = (share_folder() / "study" / "study.py").string();
+  const std::string script = (share_folder() / "experiments" / "study" / "study.py").string();
   if (!fs::exists(python) || !fs::exists(script))
     throw std::runtime_error("study needs " + python + " and " + script + "; " + page_packages_cure());
   std::vector<std::string> words{
@@ -86,8 +86,7 @@ void add_study(Program& program) {
   CLI::App* command = program.add(
       "study",
       "Run a scene, an experiment or a program many times: every combination of choices with every seed",
-      "  multipanda study stiffness.yaml                     on all cores; the same command goes on after a "
-      "stop\n"
+      "  multipanda study stiffness.yaml                     on all cores; the same command resumes it\n"
       "  multipanda study stiffness.yaml --executor dask:10.0.0.5:8786\n"
       "  multipanda study stiffness.yaml --executor slurm --workers 16\n"
       "Runs that are done are skipped. Fails (exit code 1) if a run has no result.");
@@ -101,10 +100,9 @@ void add_study(Program& program) {
                    "Runs at once (default: one per core; dask: one per thread of its workers; slurm: 4 jobs)")
       ->check(CLI::Range(1, 100000));
   command
-      ->add_option(
-          "--batch", arguments->batch,
-          "Runs that are given away together (default: as many as take about 2 s; slurm: a quarter of "
-          "a worker's share)")
+      ->add_option("--batch", arguments->batch,
+                   "Runs per batch (default: as many as take about 2 s; slurm: a quarter of "
+                   "a worker's share)")
       ->check(CLI::Range(1, 1000000));
   command->add_flag("--any-machine", arguments->any_machine,
                     "Accept results of different processors and libraries, which differ in the last bits");
@@ -115,7 +113,7 @@ void add_study(Program& program) {
       ->type_name("DIR");
   command->add_flag("--plan", arguments->plan, "Print the checked file as JSON, and run nothing");
   command->add_flag("--worker", arguments->worker,
-                    "Run what standard input says, a run per line; for programs");
+                    "Read runs from standard input, one per line; for programs");
   program.on(command, [arguments] { return run(*arguments); });
 }
 

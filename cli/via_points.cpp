@@ -4,11 +4,11 @@
 
 #include "cli/channel_arguments.hpp"
 #include "cli/console.hpp"
+#include "common/signals.hpp"
 #include "motion_generators/via_points/via_plan.hpp"
-#include "support/signals.hpp"
 
-// `multipanda via-points` publishes motions through via points, in a process of its own
-// (docs/motion_generator.md).
+// `multipanda via-points` publishes motions through via points in a separate
+// process (docs/motion_generator.md).
 namespace multipanda::cli {
 namespace {
 
@@ -42,7 +42,7 @@ int run(const ViaOptions& options) {
   ViaPlan plan = load_via_plan(config_file("via-points", "via_points", options.file));
   plan.scale *= options.scale;
   std::atomic<bool> stop{false};
-  // Before any other thread exists, so that only this handler receives the signals.
+  // Before any other thread, so that only this handler receives the signals.
   const SignalWatch signals([&stop](int) { stop = true; });
   const auto set_points = open_channel(options.channel, "via_points");
   ViaRun run(plan, starts_in(*set_points, plan));
@@ -53,7 +53,7 @@ int run(const ViaOptions& options) {
   json result = to_json(report, run, duration_s);
   result["thread"] = thread;
   result["channels"] = json::array();
-  const bool accepted = report.ended_by != "nobody_listens";
+  const bool accepted = report.ended_by != "no_receiver";
   if (accepted) {
     set_points->rest();
     result["channels"] = set_points->channels();

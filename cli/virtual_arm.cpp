@@ -10,31 +10,29 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/cockpit_arguments.hpp"
+#include "cli/cockpit_link.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
-#include "cockpit/virtual/virtual_source.hpp"
-#include "fci/server/fault_commands.hpp"
+#include "common/signals.hpp"
+#include "common/spelling.hpp"
 #include "fci/server/virtual_arms.hpp"
-#include "scene/carried_arms.hpp"
+#include "scene/build.hpp"
 #include "scene/hidden_plant.hpp"
 #include "scene/load.hpp"
-#include "support/signals.hpp"
-#include "support/spelling.hpp"
 
-// `multipanda virtual-arm` offers the arms of a scene to libfranka programs as if they were real
-// (docs/virtual_arm.md).
+// `multipanda virtual-arm` offers a scene's arms to libfranka programs like real ones (docs/virtual_arm.md).
 namespace multipanda::cli {
 namespace {
 
 using nlohmann::json;
 
-// Below the 80 of a control loop: a late torque is worse than a late state.
+// Below the control loop's priority of 80: a late torque is worse than a late state.
 constexpr int kPriority = 75;
 
 struct VirtualArmArguments {
   std::string scene, pace = "realtime";
-  std::vector<std::string> bind, phase_us, drift_ppm;
-  bool strict = false;
+  std::vector<std::string> bind, protocol, phase_us, drift_ppm;
+  bool strict = false, scene_model = false;
   std::vector<int> ports;
   double latency_us = 0, jitter_us = 0;
   fci::DatagramFaults faults;
@@ -94,13 +92,27 @@ std::vector<fci::ClockOffset> clocks_of(const VirtualArmArguments& arguments, co
   return clocks;
 }
 
-// --bind ARM=ADDRESS
+// --protocol ARM=VERSION
+fci::VersionRange versions_of(const std::string& text) {
+  if (text == "any") return {};
+  for (const fci::Dialect& dialect : fci::kDialects) {
+    if (text == std::to_string(dialect.version)) return {dialect.version, dialect.version};
+  }
+  throw UsageError(
+      fmt::format("virtual-arm: --protocol: expected a version from 4 to 10, or any, found '{}'", text));
+}
+
+// --bind ARM=ADDRESS, --protocol ARM=VERSION
 std::vector<fci::ArmPlace> places_of(const VirtualArmArguments& arguments, const Scene& scene) {
   std::vector<fci::ArmPlace> places(scene.arms.size());
   for (const auto& argument : arguments.bind) {
     const auto [arm, address] = of_arm("--bind", "ADDRESS", argument, scene);
     places[arm].address = address;
     fci::is_loopback(address);  // refuses an invalid address
+  }
+  for (const auto& argument : arguments.protocol) {
+    const auto [arm, version] = of_arm("--protocol", "VERSION", argument, scene);
+    places[arm].versions = versions_of(version);
   }
   if (!arguments.ports.empty()) {
     for (auto& place : places) {
@@ -164,7 +176,7 @@ void print_statistics(const fci::VirtualArms& arms, const Console& console) {
   }
 }
 
-// Returns after a signal, `seconds`, or the end of the world. Meanwhile handles lines from standard input.
+// Returns after a signal, `seconds`, or the end of the world. Handles lines from standard input meanwhile.
 void wait_for_end(fci::VirtualArms& arms, int end_file, const VirtualArmArguments& arguments,
                   const Console& console) {
   const double seconds = arguments.seconds;
@@ -198,6 +210,7 @@ int run(const VirtualArmArguments& arguments) {
   OpenedScene opened = open_scene(arguments.scene);
   refuse_carried_arms(opened.scene, "a virtual arm");
   PlantFidelity& fidelity = opened.scene.plant;
+  fci::let_rotors_act(opened.scene);
   for (SceneArm& arm : opened.scene.arms)
     arm.rotor_hidden = arguments.rotor_hidden.value_or(arm.rotor_hidden);
   fidelity.transmission_stiffness_nm_per_rad =
@@ -205,8 +218,8 @@ int run(const VirtualArmArguments& arguments) {
   fidelity.gear_ripple_nm = arguments.gear_ripple.value_or(fidelity.gear_ripple_nm);
   if (arguments.rotor_hidden || arguments.transmission_stiffness || arguments.gear_ripple)
     fidelity.name += " (changed)";
-  const Scene shown = opened.scene;  // as it is known: hidden parameters stay hidden
-  if (arguments.hidden) hide(opened.scene, *arguments.hidden);  // without any message about the draw
+  const Scene shown = opened.scene;  // nominal scene: hidden parameters stay hidden
+  if (arguments.hidden) hide(opened.scene, *arguments.hidden);  // prints nothing about the drawn values
   fci::VirtualArmOptions options;
   options.places = places_of(arguments, opened.scene);
   options.pace = arguments.pace == "lockstep" ? fci::WorldPace::lockstep : fci::WorldPace::realtime;
@@ -216,6 +229,8 @@ int run(const VirtualArmArguments& arguments) {
   options.faults.jitter_s = 1e-6 * arguments.jitter_us;
   options.seed = arguments.seed;
   options.strict = arguments.strict;
+  options.real_sensors = true;
+  if (arguments.scene_model) options.library = fci::LibraryModel::scene;
   options.clocks = clocks_of(arguments, opened.scene);
   if (!options.clocks.empty() && options.pace == fci::WorldPace::lockstep) {
     throw UsageError("virtual-arm: --phase-us and --drift-ppm need --pace realtime");
@@ -233,14 +248,10 @@ int run(const VirtualArmArguments& arguments) {
     const std::uint64_t one = 1;
     [[maybe_unused]] const auto size = ::write(end_file, &one, sizeof(one));
   });
-  std::shared_ptr<cockpit::WorldFeed> feed;
-  if (arguments.cockpit.asked) {
-    feed = std::make_shared<cockpit::WorldFeed>(shown);
-    options.on_period = [feed](const MujocoPlant& plant) { feed->take(plant); };
-  }
+  const std::unique_ptr<CockpitLink> cockpit =
+      arguments.cockpit.asked ? open_cockpit(arguments.cockpit.port) : nullptr;
+  if (cockpit) options.on_period = cockpit->watch_world(shown);
   fci::VirtualArms arms(std::move(opened.scene), options);
-  std::optional<cockpit::Cockpit> cockpit;
-  if (feed) cockpit.emplace(arguments.cockpit.port);
   arms.start();
   for (const auto& step : arms.thread_setup()) {
     if (!step.done) console.line(fmt::format("no {}: {}", step.what, step.reason));
@@ -251,7 +262,7 @@ int run(const VirtualArmArguments& arguments) {
                                ? "the world waits for the programs' commands (lockstep)"
                                : "in real time"));
   if (cockpit) {
-    cockpit->desk().show(std::make_shared<cockpit::VirtualSource>(shown, arms, *feed));
+    cockpit->show_world(arms);
     print_address(*cockpit, console);
   }
   if (arguments.json) {
@@ -259,7 +270,7 @@ int run(const VirtualArmArguments& arguments) {
     std::fflush(stdout);
   }
   wait_for_end(arms, end_file, arguments, console);
-  if (cockpit) cockpit->desk().show(nullptr, "the virtual arms have ended");
+  if (cockpit) cockpit->close("the virtual arms have ended");
   arms.stop();
   ::close(end_file);
   if (arguments.json) {
@@ -298,6 +309,12 @@ void add_virtual_arm(Program& program) {
                    "Address of an arm (default 127.0.0.1 for the first, 127.0.0.2 for the second, ...)")
       ->type_name("ARM=ADDRESS");
   command
+      ->add_option(
+          "--protocol", arguments->protocol,
+          "Version of the control interface that an arm accepts, 4 to 10, or any (default: that of its "
+          "key fci; otherwise a Panda 4 and 5, a Franka Research 3 6 to 10)")
+      ->type_name("ARM=VERSION");
+  command
       ->add_option("--pace", arguments->pace,
                    "realtime, or lockstep: the world waits for the programs' commands")
       ->check(CLI::IsMember({"realtime", "lockstep"}))
@@ -331,13 +348,15 @@ void add_virtual_arm(Program& program) {
       ->check(CLI::Range(0.0, 1.0));
   command->add_flag("--strict", arguments->strict,
                     "Drop answers that are late, as a real arm does; without it some lateness is tolerated");
+  command->add_flag("--scene-model", arguments->scene_model,
+                    "Let a Panda send the scene's model as its library; without it, it sends a real one's");
   command
       ->add_option("--phase-us", arguments->phase_us,
-                   "How much later than the world's steps an arm sends its states [us], 0 to 1000")
+                   "Delay from the world's steps to an arm's states [us], 0 to 1000")
       ->type_name("ARM=NUMBER");
   command
       ->add_option("--drift-ppm", arguments->drift_ppm,
-                   "How much faster than this computer's an arm's clock runs [ppm]; negative: slower")
+                   "Rate of an arm's clock relative to this computer's [ppm]; negative: slower")
       ->type_name("ARM=NUMBER");
   command->add_option("--seed", arguments->seed, "Random seed of the injected faults (default 1)");
   command
@@ -349,8 +368,8 @@ void add_virtual_arm(Program& program) {
   command
       ->add_option(
           "--rotor-hidden", arguments->rotor_hidden,
-          "How much of the rotors' inertia the arms' torque loops hide, 0 to 1, in place of the scene's "
-          "plant.rotor_inertia_hidden")
+          "How much of the rotors' inertia the arms' torque loops hide, 0 to 1 (default: the scene's "
+          "plant.rotor_inertia_hidden, otherwise 0)")
       ->check(CLI::Range(0.0, 1.0))
       ->type_name("SHARE");
   command

@@ -4,7 +4,7 @@ file(GLOB MULTIPANDA_SITE_PACKAGES LIST_DIRECTORIES true "${MULTIPANDA_VENV}/lib
 if(NOT MULTIPANDA_SITE_PACKAGES)
   message(FATAL_ERROR "No Python environment at ${MULTIPANDA_VENV}: run ./multipanda setup, or set MULTIPANDA_VENV.")
 endif()
-# A built program finds its own files as an installed one does, in share/ above it (support/own_files.hpp): here links.
+# A built program finds its own files like an installed one, in share/ above it (common/own_files.hpp): here by links.
 file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/share)
 file(CREATE_LINK ${CMAKE_SOURCE_DIR} ${CMAKE_BINARY_DIR}/share/multipanda SYMBOLIC)
 file(CREATE_LINK ${MULTIPANDA_VENV} ${CMAKE_BINARY_DIR}/share/multipanda-venv SYMBOLIC)
@@ -12,12 +12,17 @@ list(PREPEND CMAKE_PREFIX_PATH "${MULTIPANDA_SITE_PACKAGES}/cmeel.prefix")
 
 find_package(Threads REQUIRED)
 find_package(Eigen3 3.4 REQUIRED NO_MODULE)
-# A copy of Eigen's headers with one file replaced; eigen_indexed_view.h.in says why.
+# A copy of Eigen's headers with one replaced file; eigen_indexed_view.h.in has the reason.
 get_target_property(MULTIPANDA_EIGEN Eigen3::Eigen INTERFACE_INCLUDE_DIRECTORIES)
 file(COPY ${MULTIPANDA_EIGEN}/ DESTINATION ${CMAKE_BINARY_DIR}/eigen PATTERN IndexedViewMethods.h EXCLUDE)
 configure_file(${CMAKE_CURRENT_LIST_DIR}/eigen_indexed_view.h.in
                ${CMAKE_BINARY_DIR}/eigen/Eigen/src/plugins/IndexedViewMethods.h COPYONLY)
 set_target_properties(Eigen3::Eigen PROPERTIES INTERFACE_INCLUDE_DIRECTORIES ${CMAKE_BINARY_DIR}/eigen)
+if(CMAKE_CXX_COMPILER_ID STREQUAL Clang)  # Pinocchio's package requires OpenMP, which is not used here: GCC's suffices
+  set(OpenMP_CXX_FLAGS -fopenmp=libgomp CACHE STRING "")
+  set(OpenMP_CXX_LIB_NAMES gomp CACHE STRING "")
+  set(OpenMP_gomp_LIBRARY gomp CACHE STRING "")
+endif()
 find_package(pinocchio REQUIRED)
 find_package(assimp REQUIRED)  # reads the meshes of URDFs; comes with coal
 find_package(yaml-cpp REQUIRED)

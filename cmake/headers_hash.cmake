@@ -1,6 +1,6 @@
 # Writes a header with the hash of all headers that a user's library can include (comments and blank space excluded):
 #   cmake -DROOT=/path/to/multipanda -DOUTPUT=.../multipanda_headers_hash.hpp -P headers_hash.cmake
-# An unchanged file keeps its time, so that nothing is compiled again.
+# An unchanged file keeps its time stamp, so that nothing is recompiled.
 cmake_minimum_required(VERSION 3.22)
 include(${CMAKE_CURRENT_LIST_DIR}/shared_headers.cmake)
 multipanda_shared_headers(headers "${ROOT}")

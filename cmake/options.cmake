@@ -26,11 +26,12 @@ if(CCACHE_PROGRAM AND NOT CMAKE_CXX_COMPILER_LAUNCHER)
   if(MULTIPANDA_PCH)  # ccache caches files with precompiled headers only with these settings
     set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env
         CCACHE_SLOPPINESS=pch_defines,time_macros,include_file_mtime,include_file_ctime ${CCACHE_PROGRAM})
-    add_compile_options($<$<COMPILE_LANGUAGE:CXX>:-fpch-preprocess>)
+    add_compile_options($<$<COMPILE_LANG_AND_ID:CXX,GNU>:-fpch-preprocess>
+                        "$<$<COMPILE_LANG_AND_ID:CXX,Clang>:SHELL:-Xclang -fno-pch-timestamp>")
   endif()
 endif()
 
-# GCC spends a tenth of its time on collecting garbage, unless its heap may first grow to this many KiB.
+# GCC spends a tenth of its time on garbage collection unless its heap may first grow to this size in KiB.
 add_compile_options($<$<COMPILE_LANG_AND_ID:CXX,GNU>:--param=ggc-min-heapsize=524288>)
 
 # A file with Pinocchio's headers takes up to 4 GB: compile at most two at a time.
@@ -39,6 +40,7 @@ set_property(GLOBAL PROPERTY JOB_POOLS heavy=2)
 add_library(multipanda_flags INTERFACE)
 target_compile_options(multipanda_flags INTERFACE -Wall -Wextra -Wconversion -Wshadow -Wno-psabi
                        -Wno-missing-field-initializers  # designated initializers omit defaults on purpose
+                       -Wno-sign-conversion  # part of Clang's -Wconversion, not of GCC's
                        -fno-semantic-interposition -fvisibility-inlines-hidden)
 if(MULTIPANDA_WERROR)
   target_compile_options(multipanda_flags INTERFACE -Werror)

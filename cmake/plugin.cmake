@@ -3,7 +3,7 @@
 # builds a library that the program can load. It carries the hash of the headers it was compiled with; the program
 # refuses a library whose hash differs from its own.
 include(${CMAKE_CURRENT_LIST_DIR}/shared_headers.cmake)
-if(NOT DEFINED MULTIPANDA_HEADERS)  # otherwise multipandaConfig.cmake says where they are
+if(NOT DEFINED MULTIPANDA_HEADERS)  # otherwise defined in multipandaConfig.cmake
   get_filename_component(MULTIPANDA_HEADERS "${CMAKE_CURRENT_LIST_DIR}" DIRECTORY)
 endif()
 set(MULTIPANDA_HASH_SCRIPT "${CMAKE_CURRENT_LIST_DIR}/headers_hash.cmake")

@@ -58,7 +58,7 @@ set(multipanda_ros_was_shared ${BUILD_SHARED_LIBS})
 find_package(Python3 REQUIRED COMPONENTS Interpreter Development NumPy)
 foreach(package ament_cmake rcl rcl_action service_msgs ${MULTIPANDA_ROS_PACKAGES})
   if(package STREQUAL service_msgs)
-    find_package(service_msgs QUIET)  # Humble has none
+    find_package(service_msgs QUIET)  # not in Humble
   else()
     find_package(${package} REQUIRED)
   endif()
@@ -72,7 +72,7 @@ if(MULTIPANDA_ROS_WHEELS)
 else()
   find_package(rosidl_default_generators REQUIRED)
 endif()
-set(BUILD_SHARED_LIBS ${multipanda_ros_was_shared})  # ament turns it on for the whole project
+set(BUILD_SHARED_LIBS ${multipanda_ros_was_shared})  # ament enables it for the whole project
 multipanda_clean_imported_targets()
 
 # Call before rosidl_generate_interfaces(), in the same folder, to shorten the build: the wheels contain one middleware, so

@@ -51,7 +51,7 @@ macro(multipanda_prepare_compat_generators)
   add_compile_options(-O1 -w)
 endmacro()
 
-# Gives a test the messages of our own that have the shapes of others.
+# Gives a test our own messages with the shapes of those packages.
 function(multipanda_compat_test name)
   foreach(kind generator_c generator_cpp)
     target_include_directories(${name} SYSTEM PRIVATE

@@ -1,16 +1,17 @@
 # multipanda_library(NAME [SHARED] [OFF_LOOP] SOURCES ... DEPS ...): a library of ours; include path = folder path.
 # OFF_LOOP: no loop runs its code, so it is compiled with -O1, which takes two thirds of the time of -O3.
-# multipanda_test(NAME SOURCES ... DEPS ... [LABELS ...] [SERIES ...]): a GoogleTest program; fails to configure without
-# sources. SERIES: its tests that are long series (core/testing/series.hpp), by name. `ctest -C full`, which is
-# `./multipanda test --full`, makes a study of each, on all cores.
-include(GoogleTest)
+# multipanda_test(NAME SOURCES ... DEPS ... [FIRST] [SHARDS n] [LABELS ...] [SERIES ...]): a GoogleTest program, which ctest
+# runs as one process, or as n that share its cases. FIRST: it belongs to the first tier, `./multipanda test`. SERIES: its
+# tests that are long series (core/testing/series.hpp), by name. `ctest -C full`, which is `./multipanda test --long`,
+# makes a study of each, on all cores.
+add_custom_target(first_tier)
 
 # Most of a file's compile time goes into Eigen, the standard library and GoogleTest. With MULTIPANDA_PCH (set by the
 # presets) they are parsed once for libraries and once for tests.
 if(MULTIPANDA_PCH)
   set(MULTIPANDA_PCH_HEADERS <algorithm> <array> <atomic> <cmath> <filesystem> <functional> <future> <map> <memory>
       <optional> <random> <span> <stdexcept> <string> <thread> <vector> <Eigen/Core> <Eigen/Geometry>)
-  if(NOT EXISTS ${CMAKE_BINARY_DIR}/pch.cpp)  # a newer one would compile everything again
+  if(NOT EXISTS ${CMAKE_BINARY_DIR}/pch.cpp)  # a newer one would trigger a full rebuild
     file(WRITE ${CMAKE_BINARY_DIR}/pch.cpp "")
   endif()
   add_library(multipanda_pch STATIC ${CMAKE_BINARY_DIR}/pch.cpp)
@@ -64,7 +65,7 @@ function(multipanda_library name)
   multipanda_batch(${name} ${ARG_HEAVY})
   if(MULTIPANDA_PCH)
     target_precompile_headers(${name} REUSE_FROM multipanda_pch)
-    set_target_properties(${name} PROPERTIES PCH_WARN_INVALID OFF)  # a file with other flags parses them again
+    set_target_properties(${name} PROPERTIES PCH_WARN_INVALID OFF)  # files with other flags parse them again
   endif()
 endfunction()
 
@@ -76,7 +77,7 @@ function(multipanda_without_copies name)
 endfunction()
 
 function(multipanda_test name)
-  cmake_parse_arguments(ARG "" "" "SOURCES;DEPS;LABELS;SERIES" ${ARGN})
+  cmake_parse_arguments(ARG "FIRST" "SHARDS" "SOURCES;DEPS;LABELS;SERIES" ${ARGN})
   if(NOT ARG_SOURCES)
     message(FATAL_ERROR "multipanda_test(${name}) has no sources; an empty test would always pass")
   endif()
@@ -94,11 +95,24 @@ function(multipanda_test name)
   endif()
   target_compile_definitions(${name} PRIVATE MULTIPANDA_SOURCE_DIR="${CMAKE_SOURCE_DIR}"
                              MULTIPANDA_BINARY_DIR="${CMAKE_BINARY_DIR}")
-  set(properties TIMEOUT 300)
-  if(ARG_LABELS)
-    list(APPEND properties LABELS "${ARG_LABELS}")
+  set(labels ${ARG_LABELS} gtest)
+  if(ARG_FIRST)
+    list(APPEND labels first)
+    add_dependencies(first_tier ${name})
   endif()
-  gtest_discover_tests(${name} PROPERTIES ${properties} DISCOVERY_TIMEOUT 60)
+  if(NOT ARG_SHARDS)
+    set(ARG_SHARDS 1)
+  endif()
+  math(EXPR last "${ARG_SHARDS} - 1")
+  foreach(shard RANGE ${last})
+    set(test ${name})
+    if(ARG_SHARDS GREATER 1)
+      string(APPEND test _${shard})
+    endif()
+    add_test(NAME ${test} COMMAND ${name} --gtest_brief=1)
+    set_tests_properties(${test} PROPERTIES TIMEOUT 1200 LABELS "${labels}"
+                         ENVIRONMENT "GTEST_TOTAL_SHARDS=${ARG_SHARDS};GTEST_SHARD_INDEX=${shard}")
+  endforeach()
   if(ARG_SERIES)
     add_test(NAME series_${name} CONFIGURATIONS full
              COMMAND ${MULTIPANDA_VENV}/bin/python -B ${CMAKE_SOURCE_DIR}/tests/series.py $<TARGET_FILE:multipanda> $<TARGET_FILE:${name}> ${ARG_SERIES})

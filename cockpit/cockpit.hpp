@@ -7,38 +7,36 @@
 #include <string>
 #include <vector>
 
-#include "cockpit/desk/desk.hpp"
-#include "cockpit/run/object_poses.hpp"
+#include "cockpit/clients/clients.hpp"
 #include "cockpit/server/hub.hpp"
 #include "runtime/session.hpp"
 
 namespace multipanda::cockpit {
 
-// The cockpit of a program: its server, and what it shows at the moment.
+// The cockpit of a program: its server and present contents.
 class Cockpit {
  public:
-  static constexpr std::uint16_t kUsualPort = 8765;
+  static constexpr std::uint16_t kUsualPort = 8765;  // as cli::kUsualCockpitPort
 
   // Listens on 127.0.0.1. No port: kUsualPort, or any free one if that is taken. Throws std::runtime_error.
   explicit Cockpit(std::optional<std::uint16_t> port);
 
   std::string address() const { return hub_->address(); }
-  bool has_page() const { return has_page_; }
-  Desk& desk() { return desk_; }
+  bool has_page() const { return hub_->has_page(); }
+  Clients& clients() { return clients_; }
   // Shows one log, or two that are compared. Throws std::runtime_error.
   void show_logs(const std::vector<std::filesystem::path>& logs);
 
  private:
-  Desk desk_;
-  bool has_page_ = false;
-  std::unique_ptr<Hub> hub_;  // uses the desk
+  Clients clients_;
+  std::unique_ptr<Hub> hub_;  // uses the clients
 };
 
-// Shows a run for as long as this exists.
+// Shows a run during its lifetime.
 class ShownRun {
  public:
-  // `session` has SessionOptions::share_records, and its on_loop calls objects->on_loop.
-  ShownRun(Cockpit& cockpit, Session& session, ObjectPoses* objects);
+  // `session` needs SessionOptions::share_records, and its on_loop must call objects->on_loop.
+  ShownRun(Cockpit& cockpit, Session& session);
   ~ShownRun();
   ShownRun(const ShownRun&) = delete;
 

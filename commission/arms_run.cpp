@@ -9,9 +9,9 @@
 
 #include <fmt/format.h>
 
+#include "arm_interface/arm_error.hpp"
+#include "arm_interface/arm_settings.hpp"
 #include "commission/limits.hpp"
-#include "device/arm_error.hpp"
-#include "device/arm_settings.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::commission {
@@ -21,9 +21,9 @@ constexpr std::array kLaws{std::pair{Law::guide, "gravity_compensation"},
                            std::pair{Law::joint, "joint_impedance"},
                            std::pair{Law::cartesian, "cartesian_impedance"}};
 constexpr double kHandSpeed = 0.1;  // of set-points [m/s]
-constexpr double kPatience_s = 20;  // for what the loop or an arm must do
+constexpr double kPatience_s = 20;  // waiting time for actions of the loop or an arm
 constexpr std::chrono::milliseconds kLook{50};
-// An arm may tell that a motion is over before it tells why: so long its state is waited for [s].
+// An arm may report the end of a motion before its reason: waiting time for the reason [s].
 constexpr double kExplains_s = 0.1;
 
 std::string name_of(const std::string& arm, Law law) {
@@ -58,7 +58,7 @@ Scene commission_scene(Scene scene) {
       scene.controllets.push_back(config);
     }
     arm.collision = careful_thresholds(*build_arm_model(arm), arm.collision);
-    // A reflex may have stopped on a person; only they clear it.
+    // A reflex may have stopped the arm at a person: only a person clears it.
     if (arm.fci) arm.fci->recover_at_start = false;
   }
   return scene;
@@ -76,7 +76,7 @@ ArmsRun::ArmsRun(Scene scene, const Registry& registry, const BackendOptions& ba
 ArmsRun::~ArmsRun() {
   try {
     end();
-  } catch (const std::exception&) {  // reported by check() before
+  } catch (const std::exception&) {  // already reported by check()
   }
 }
 
@@ -88,6 +88,7 @@ void ArmsRun::take(const CycleRecord& record) {
   if (stopping_ && newest_[*stopping_].owner == expected_[*stopping_]) {
     stopping_.reset();
     expected_from_ = cycle_;
+    stopped_by_ = record.start + std::chrono::nanoseconds(record.stages.total);
   }
   if (recording_ && ++skip_ >= every_) {
     skip_ = 0;
@@ -120,7 +121,7 @@ void ArmsRun::start() {
     std::string why;
     for (ArmIndex i = 0; all_seen() && i < newest_.size(); ++i) why += why_left(i);
     lock.unlock();
-    end();  // rethrows what ended the loop
+    end();  // rethrows the exception that ended the loop
     throw std::runtime_error(why.empty() ? "the arms did not begin torque control" : why);
   }
   for (ArmIndex i = 0; i < expected_.size(); ++i) expected_[i] = instance(i, Law::hold);
@@ -152,17 +153,18 @@ std::string ArmsRun::why_left(ArmIndex arm) const {
     return fmt::format("arm '{}' stopped itself{}", name, errors.empty() ? "" : ": " + errors);
   }
   if (expected_[arm] != kNoInstance && cycle_ >= expected_from_ && now.owner != expected_[arm]) {
-    return fmt::format("arm '{}' was taken from '{}' and is held: a limit or the safety stage acted", name,
-                       session_->layout().instances[expected_[arm]].name);
+    const Intervention rule = session_->removed_by(arm);
+    return fmt::format("arm '{}' was taken from '{}' and is held: {}", name,
+                       session_->layout().instances[expected_[arm]].name,
+                       rule == Intervention::none ? "another request took it" : to_string(rule));
   }
   if (expected_[arm] != kNoInstance && expected_[arm] == instance(arm, Law::guide)) {
     const double fastest = std::abs(*std::max_element(
         now.dq.begin(), now.dq.begin() + 4, [](double a, double b) { return std::abs(a) < std::abs(b); }));
     if (!(fastest <= kGuideSpeed)) {
       return fmt::format(
-          "arm '{}' turned a joint by {:.1f} rad/s while it was led, expected {:g} rad/s at most: it falls "
-          "or "
-          "rises (a wrong load), or it was led too fast; it is held",
+          "arm '{}': a joint moved at {:.1f} rad/s during hand guiding, expected at most {:g} rad/s: the arm "
+          "falls or rises (wrong load), or it was guided too fast; it is held",
           name, fastest, kGuideSpeed);
     }
   }
@@ -224,7 +226,7 @@ Track ArmsRun::watch(double duration, unsigned every, const std::function<bool(c
   std::string why;
   HostTime heard = host_now();
   double t_heard = t_;
-  std::size_t seen = 0;  // a sample is judged once
+  std::size_t seen = 0;  // evaluates each sample once
   const auto is_enough = [&] {
     if (!enough || track_.t.size() == seen) return false;
     seen = track_.t.size();
@@ -241,7 +243,7 @@ Track ArmsRun::watch(double duration, unsigned every, const std::function<bool(c
       t_heard = t_;
       heard = host_now();
     } else if (seconds(host_now() - heard) > kPatience_s) {
-      why = "no cycle of the loop was recorded any more";
+      why = "the loop stopped recording cycles";
     }
     lock.unlock();
     const bool over = session_->wait_for_end(0);
@@ -251,7 +253,7 @@ Track ArmsRun::watch(double duration, unsigned every, const std::function<bool(c
   }
   recording_ = false;
   if (why.empty() && stopping_) {
-    why = fmt::format("arm '{}' was told to stop and is not held: press its user stop",
+    why = fmt::format("arm '{}' did not go to hold after the stop: press its user stop",
                       session_->scene().arms[*stopping_].name);
   }
   if (!why.empty()) throw ArmLeft(why);
@@ -262,8 +264,8 @@ InstanceIndex ArmsRun::instance(ArmIndex arm, Law law) const {
   return session_->modes().find(name_of(session_->scene().arms[arm].name, law));
 }
 
-void ArmsRun::ask(const Request& request, ArmIndex arm, const char* what) {
-  const Answer answer = session_->modes().ask(request, kPatience_s);
+void ArmsRun::ask(const Request& request, ArmIndex arm, const char* what, HostTime asked) {
+  const Answer answer = session_->modes().ask(request, kPatience_s, asked);
   if (!answer.accepted()) {
     throw ArmLeft(fmt::format("arm '{}': {} was refused: {}", session_->scene().arms[arm].name, what,
                               to_string(answer.verdict)));
@@ -292,7 +294,7 @@ void ArmsRun::lead(ArmIndex arm, Law law) {
 void ArmsRun::stop(ArmIndex arm) {
   {
     const std::lock_guard lock(mutex_);
-    expected_from_ = std::numeric_limits<std::uint64_t>::max();  // until it is seen in hold
+    expected_from_ = std::numeric_limits<std::uint64_t>::max();  // until the arm is in hold
     expected_[arm] = instance(arm, Law::hold);
     stopping_ = arm;
   }
@@ -300,7 +302,12 @@ void ArmsRun::stop(ArmIndex arm) {
 }
 
 void ArmsRun::resume(ArmIndex arm) {
-  ask({.kind = Request::Kind::resume, .arms = ArmSet::of(arm)}, arm, "resuming");
+  HostTime stopped_by;
+  {
+    const std::lock_guard lock(mutex_);
+    stopped_by = stopped_by_;
+  }
+  ask({.kind = Request::Kind::resume, .arms = ArmSet::of(arm)}, arm, "resuming", stopped_by);
 }
 
 Request ArmsRun::goal(ArmIndex arm, Law law) const {
@@ -317,12 +324,7 @@ void ArmsRun::joint_goal(ArmIndex arm, const JointVector& q, double duration) {
 
 void ArmsRun::pose_goal(ArmIndex arm, const Pose& X_WE, double duration) {
   Request request = goal(arm, Law::cartesian);
-  const Quaternion q = X_WE.quaternion();
-  const std::array values{
-      X_WE.position.x(), X_WE.position.y(), X_WE.position.z(), q.w(), q.x(), q.y(), q.z()};
-  request.target.size = static_cast<std::uint8_t>(values.size());
-  std::copy(values.begin(), values.end(), request.target.values.begin());
-  request.target.duration_s = duration;
+  request.target = pose_target(X_WE, duration);
   ask(request, arm, "a Cartesian goal");
 }
 
@@ -343,7 +345,7 @@ RequestAnswer ArmsRun::request(ArmIndex arm, ArmRequest request) {
     return {.success = false, .reason = "no answer"};
   RequestAnswer said = answer.get();
   const std::lock_guard lock(mutex_);
-  expected_from_ = cycle_ + 1000;  // afterwards the arm comes back in hold
+  expected_from_ = cycle_ + 1000;  // from then on the arm must be back in hold
   return said;
 }
 

@@ -14,13 +14,13 @@
 
 namespace multipanda::commission {
 
-// An arm left the control that the tour gave it: a reflex, its button, a lost connection, a limit. By then it
-// is in hold, or holds itself.
+// An arm left the control of the tour: a reflex, its button, a lost connection, a limit. By then it is in
+// hold, or holds itself.
 struct ArmLeft : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// What leads an arm between two questions.
+// Law of an arm during a step.
 enum class Law { hold, guide, joint, cartesian };
 
 // Measurements of all arms over a time of the loop.
@@ -32,9 +32,9 @@ struct Track {
   JointVector mean(ArmIndex arm, JointArray ArmSample::*quantity, std::size_t joints) const;
 };
 
-// The scene with the tour's own controllets in place of its own, and with its careful bounds: collision
-// thresholds no higher than careful_thresholds(), hands no faster than the tour's motions need, springs that
-// pull no more than usual, no timeline.
+// The scene with the tour's controllets and careful bounds: collision thresholds at most
+// careful_thresholds(), hand speeds as the tour's motions need, spring forces at most the usual ones,
+// no timeline.
 Scene commission_scene(Scene scene);
 
 // The run of a tour: all arms in hold from its start to its end. Every motion is a goal of a controllet that
@@ -42,7 +42,7 @@ Scene commission_scene(Scene scene);
 class ArmsRun {
  public:
   // `scene`: of commission_scene(). Nothing is connected yet.
-  // `stopped`: asked during every wait; true ends it with ArmLeft (Ctrl-C).
+  // `stopped`: polled during every wait; true ends it with ArmLeft (Ctrl-C).
   ArmsRun(Scene scene, const Registry& registry, const BackendOptions& backend, bool paced,
           std::function<bool()> stopped = {});
   ~ArmsRun();  // end()
@@ -50,9 +50,9 @@ class ArmsRun {
 
   void start();  // until all arms are in hold; throws std::runtime_error with the reason
   void end();    // arms hold, then hold themselves
-  void halt();   // all arms go to hold, whatever leads them; does not wait
-  // Throws ArmLeft if an arm is not under the law that the tour gave it, falls while it is led, or the run
-  // has ended.
+  void halt();   // all arms go to hold, whatever their law; does not wait
+  // Throws ArmLeft if an arm is not under the law that the tour gave it, falls during hand guiding, or the
+  // run has ended.
   void check();
 
   const Scene& scene() const { return session_->scene(); }
@@ -63,11 +63,12 @@ class ArmsRun {
 
   // Records every `every`th cycle for `seconds` of the loop's time, or until `enough`. Throws ArmLeft.
   Track watch(double seconds, unsigned every = 1, const std::function<bool(const Track&)>& enough = {});
-  // An arm that is stopped with the tour's consent (its button), until it is back in hold; none: no arm.
+  // An arm whose stop is part of the step (its button), until it is back in hold; none: no arm.
   void excuse(std::optional<ArmIndex> arm);
 
   void lead(ArmIndex arm, Law law);  // throws ArmLeft with the verdict of a refused switch
   void stop(ArmIndex arm);           // the stop of every run: hold until resume()
+  // Ends stop(), and no other stop: throws ArmLeft if somebody has stopped the arm since.
   void resume(ArmIndex arm);
   void joint_goal(ArmIndex arm, const JointVector& q, double seconds);
   void pose_goal(ArmIndex arm, const Pose& X_WE, double seconds);
@@ -77,12 +78,12 @@ class ArmsRun {
 
  private:
   void take(const CycleRecord& record);
-  void ask(const Request& request, ArmIndex arm, const char* what);
+  void ask(const Request& request, ArmIndex arm, const char* what, HostTime asked = host_now());
   Request goal(ArmIndex arm, Law law) const;
   InstanceIndex instance(ArmIndex arm, Law law) const;
   std::string why_left(ArmIndex arm) const;  // empty: as expected. With mutex_
   std::string why_left() const;              // of the first arm that left
-  bool unexplained() const;                  // all that left have stopped without a reason yet
+  bool unexplained() const;                  // every arm that left has stopped without a known reason so far
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;
@@ -91,6 +92,7 @@ class ArmsRun {
   std::optional<ArmIndex> excused_;
   std::uint64_t cycle_ = 0, expected_from_ = 0;  // the newest record's; since when expected_ holds
   std::optional<ArmIndex> stopping_;             // asked to hold, and not yet seen in hold
+  HostTime stopped_by_;                          // end of the cycle that did so
   double t_ = 0;
   bool recording_ = false;
   double begin_ = 0;

@@ -4,36 +4,29 @@
 commission_page.py COMMISSION.json   writes commission.html next to it
 """
 
-import argparse
 import json
 import pathlib
 import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
 
-import matplotlib.pyplot as plt  # noqa: E402  the path comes first
-import numpy as np  # noqa: E402
+import numpy as np
+from matplotlib.lines import Line2D
 
-from report import page, style  # noqa: E402
+from report import page, style
 
 ARM, TWIN = "#1d4f91", "#d9480f"
-# Figures of an arm that its twin has, too: key, text, factor, unit, reduction of a list.
+# Figures common to arm and twin: key, text, factor, unit, reduction of a list.
 COMPARED = (
-    ("error_rad", "joint error at the end of the way, worst", 1e3, "mrad", max),
-    ("friction_nm", "friction, worst joint", 1, "N m", lambda values: max(map(abs, values))),
-    ("error_m", "hand off its goal", 1e3, "mm", None),
+    ("error_rad", "largest joint error at the end of the motion", 1e3, "mrad", max),
+    ("friction_nm", "largest joint friction", 1, "N m", lambda values: max(map(abs, values))),
+    ("error_m", "distance of the hand from its goal", 1e3, "mm", None),
     ("stop_s", "time to rest after a stop", 1, "s", None),
     ("stop_rad", "angle turned after a stop", 1e3, "mrad", None),
     ("torque_delay_s", "delay from command to measured torque", 1e3, "ms", None),
-    ("noise_dq", "noise of a velocity, worst joint, rms", 1e3, "mrad/s", max),
-    ("noise_tau", "noise of a torque, worst joint, rms", 1, "N m", max),
+    ("noise_dq", "rms velocity noise, worst joint", 1e3, "mrad/s", max),
+    ("noise_tau", "rms torque noise, worst joint", 1, "N m", max),
 )
-
-
-def save(figure, path):
-    figure.savefig(path, dpi=style.DPI)
-    plt.close(figure)
-    return path
 
 
 def measured(state, name):
@@ -45,166 +38,125 @@ def measured(state, name):
 
 
 def arm_table(of_arm, of_twin):
-    rows = []
-    for key, text, factor, unit, reduce in COMPARED:
-        if key not in of_arm:
-            continue
-        cells = []
-        for source in (of_arm, of_twin):
+    def figure(source):
+        def cell(row):
+            key, _, factor, _, reduce = row
             value = source.get(key)
-            if value is not None and reduce is not None:
-                value = reduce(value)
-            cells.append(None if value is None else page.figures(factor * value))
-        rows.append([text, unit, *cells])
-    return page.table(["", "unit", "arm", "virtual twin"], rows, numeric=(2, 3)) if rows else None
+            return None if value is None else page.figures(factor * (reduce(value) if reduce else value))
+
+        return cell
+
+    cells = {"": lambda row: row[1], "unit": lambda row: row[3], "arm": figure(of_arm), "virtual twin": figure(of_twin)}
+    rows = [row for row in COMPARED if row[0] in of_arm]
+    return page.columns(rows, cells) if rows else None
 
 
 def joint_plot(of_arm, of_twin, path):
     joints = of_arm["joints"]
-    figure, axes = plt.subplots(2, len(joints), figsize=(12, 4.2), sharex=True, sharey="row", layout="constrained")
-    axes = axes.reshape(2, -1)
+    figure, axes = style.sheet(2, len(joints), 4.2, 12, sharex=True, sharey="row", layout="constrained")
     for j, curve in enumerate(joints):
-        sign = 1 if curve["way_rad"] >= 0 else -1
         for source, color, width in ((of_twin, TWIN, 2.2), (of_arm, ARM, 1.2)):
-            if len(source.get("joints", [])) <= j:
-                continue
-            mine = source["joints"][j]
-            own = 1 if mine["way_rad"] >= 0 else -1
-            t, q, tau = (np.array(mine[key]) for key in ("t", "q", "tau"))
-            axes[0, j].plot(t, 1e3 * own * q, color=color, linewidth=width)
-            axes[1, j].plot(t, own * (tau - tau[0]), color=color, linewidth=width)
-        axes[0, j].axhline(1e3 * sign * curve["way_rad"], color=style.FAINT, linewidth=0.8, linestyle=":")
-        axes[0, j].set_title(f"joint {j + 1}", fontsize=9)
+            if j < len(source.get("joints", [])):
+                own = source["joints"][j]
+                sign = 1 if own["way_rad"] >= 0 else -1
+                t, q, tau = (np.array(own[key]) for key in ("t", "q", "tau"))
+                axes[0, j].plot(t, 1e3 * sign * q, color=color, linewidth=width)
+                axes[1, j].plot(t, sign * (tau - tau[0]), color=color, linewidth=width)
+        axes[0, j].axhline(1e3 * abs(curve["way_rad"]), color=style.FAINT, linewidth=0.8, linestyle=":")
+        axes[0, j].set_title(f"joint {j + 1}")
         axes[1, j].set_xlabel("s")
-        for row in axes:
-            row[j].grid(color=style.GRID)
     axes[0, 0].set_ylabel("position [mrad]")
     axes[1, 0].set_ylabel("torque, change [N m]")
-    legend(figure)
-    return save(figure, path)
+    return with_legend(figure, path)
 
 
 def hand_plot(of_arm, of_twin, path):
-    figure, axes = plt.subplots(1, 3, figsize=(12, 2.9), sharey=True, layout="constrained")
-    for axis, name in zip(axes, "xyz", strict=True):
+    figure, (axes,) = style.sheet(1, 3, 2.9, 12, sharey=True, layout="constrained")
+    for axis, name in zip(axes, "xyz"):
         for source, color, width in ((of_twin, TWIN, 2.2), (of_arm, ARM, 1.2)):
             if "hand" in source:
                 axis.plot(source["hand"]["t"], 1e3 * np.array(source["hand"][name]), color=color, linewidth=width)
-        axis.set_title(f"hand, world {name}", fontsize=9)
-        axis.set_xlabel("s")
-        axis.grid(color=style.GRID)
+        axis.set(title=f"hand, world {name}", xlabel="s")
     axes[0].set_ylabel("from the start [mm]")
-    legend(figure)
-    return save(figure, path)
+    return with_legend(figure, path)
 
 
-def legend(figure):
-    handles = [
-        plt.Line2D([], [], color=ARM, label="arm"),
-        plt.Line2D([], [], color=TWIN, linewidth=2.2, label="virtual twin"),
-    ]
-    figure.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, fontsize=9)
+def with_legend(figure, path):
+    arm, twin = Line2D([], [], color=ARM, label="arm"), Line2D([], [], color=TWIN, linewidth=2.2, label="virtual twin")
+    figure.legend(handles=[arm, twin], loc="outside upper right", ncols=2, fontsize=9)
+    return style.save(figure, path)
 
 
 def arm_section(state, arm, folder):
     name = arm["name"]
     of_arm, of_twin = measured(state, name), state.get("twin", {}).get(name, {})
-    parts = [page.facts([("address", arm["address"]), ("model in the scene", arm["model"])])]
+    yield page.facts([("address", arm["address"]), ("model in the scene", arm["model"])])
     table = arm_table(of_arm, of_twin)
-    if table is None:
-        return [*parts, page.absent("The tour ended before the arm's first motion.")]
-    parts.append(table)
-    plain = "the plant of the scene" + (f" ('{state['twin_plant']}')" if "twin_plant" in state else "")
-    if "joints" in of_arm:
-        caption = f"Each joint alone, out and back; the dotted line is the requested place. The twin is {plain}."
-        parts.append(page.image(joint_plot(of_arm, of_twin, folder / f"{name}_joints.png"), caption))
-    if "hand" in of_arm:
-        caption = "The hand along z, x and y of the world, each time back."
-        parts.append(page.image(hand_plot(of_arm, of_twin, folder / f"{name}_hand.png"), caption))
-    return parts
+    yield table or page.absent("The tour ended before the arm's first motion.")
+    if table and "joints" in of_arm:
+        plant = "the plant of the scene" + (f" ('{state['twin_plant']}')" if "twin_plant" in state else "")
+        caption = f"Each joint alone, out and back; the dotted line is the requested position. The twin is {plant}."
+        yield page.image(joint_plot(of_arm, of_twin, folder / f"{name}_joints.png"), caption)
+    if table and "hand" in of_arm:
+        caption = "The hand along z, x and y of the world, each time out and back."
+        yield page.image(hand_plot(of_arm, of_twin, folder / f"{name}_hand.png"), caption)
 
 
 def base_section(state):
-    bases = state["steps"].get("bases", {}).get("measured", {})
-    parts = []
-    for name, base in bases.items():
+    def place(position, rpy):
+        texts = [f"{1e3 * x:.2f}" for x in position], [f"{x:.3f}" for x in np.degrees(rpy)]
+        return "[{}] mm, rpy [{}] degrees".format(*map(", ".join, texts))
 
-        def place(position, rpy):
-            millimeters, degrees = 1e3 * np.array(position), np.degrees(rpy)
-            return "[{:.2f}, {:.2f}, {:.2f}] mm, rpy [{:.3f}, {:.3f}, {:.3f}] degrees".format(*millimeters, *degrees)
-
+    for name, base in state["steps"].get("bases", {}).get("measured", {}).items():
+        found = place(base["position_m"], base["rpy_rad"])
+        before = place(base["scene_position_m"], base["scene_rpy_rad"])
+        yield page.facts([(f"base of '{name}', measured", found), ("in the scene before", before)])
         rows = [[f"point {k + 1}", f"{1e3 * value:.2f}"] for k, value in enumerate(base["residual_m"])]
-        parts.append(
-            page.facts(
-                [
-                    (f"base of '{name}', measured", place(base["position_m"], base["rpy_rad"])),
-                    ("in the scene before", place(base["scene_position_m"], base["scene_rpy_rad"])),
-                ]
-            )
-        )
-        parts.append(page.table(["", "residual [mm]"], rows, numeric=(1,)))
-    return parts
+        yield page.table(["", "residual [mm]"], rows)
+
+
+def limit(reading):
+    return "" if reading["limit"] is None else f"{'≥' if reading['at_least'] else '≤'} {reading['limit']:g}"
+
+
+READING = {
+    "arm": lambda reading: reading["arm"],
+    "quantity": lambda reading: reading["quantity"],
+    "value": lambda reading: page.figures(reading["value"]),
+    "limit": limit,
+    "unit": lambda reading: reading["unit"],
+}
+STEP = {"step": lambda s: s["title"], "verdict": lambda s: s["verdict"], "at (UTC)": lambda s: s["at"]}
 
 
 def step_section(state):
-    rows, bad = [], []
-    for step in state["steps"].values():
-        if step["verdict"] == "no-go":
-            bad.append(len(rows))
-        rows.append([step["title"], step["verdict"], step["at"]])
-    parts = [page.table(["step", "verdict", "at (UTC)"], rows, bad=bad)]
-    for step in state["steps"].values():
-        lines = []
-        for reading in step["readings"]:
-            limit = "" if reading["limit"] is None else f"{'≥' if reading['at_least'] else '≤'} {reading['limit']:g}"
-            lines.append([reading["arm"], reading["quantity"], page.figures(reading["value"]), limit, reading["unit"]])
-        wrong = [k for k, reading in enumerate(step["readings"]) if not reading["good"]]
-        content = (
-            page.table(["arm", "quantity", "value", "limit", "unit"], lines, numeric=(2, 3), bad=wrong)
-            if lines
-            else page.Raw("")
-        )
-        if step["notes"]:
-            content = page.Raw(content + page.box(step["notes"], fine=True))
-        parts.append(page.details(step["title"], page.Raw(page.paragraph(step["about"]) + content)))
-    return parts
+    steps = state["steps"].values()
+    yield page.columns(steps, STEP, bad=lambda step: step["verdict"] == "no-go")
+    for step in steps:
+        readings = step["readings"]
+        table = page.columns(readings, READING, bad=lambda reading: not reading["good"]) if readings else None
+        yield page.details(step["title"], step["about"], table, page.box(step["notes"], fine=True))
 
 
-def make(state, folder):
-    arms = ", ".join(f"{arm['name']} ({arm['address']})" for arm in state["arms"])
+def verdict(state):
     failed = [step for step in state["steps"].values() if step["verdict"] == "no-go"]
     ended = state.get("ended", {})
     if failed:
-        step = failed[-1]
-        head = page.box(
-            [
-                f"{step['title']}: no-go",
-                f"found: {step['found']}",
-                f"expected: {step['expected']}",
-                f"to do: {step['remedy']}",
-            ]
-        )
-    elif ended.get("verdict") == "go":
-        head = page.box(["All steps are done: go."], fine=True)
-    else:
-        head = page.box([f"The tour ended before it was complete, at '{ended.get('step', '')}'."])
-    sections = [("steps", "Steps", [head, *step_section(state)])]
-    sections += [
-        (f"arm_{arm['name']}", f"Arm '{arm['name']}' beside its twin", arm_section(state, arm, folder))
-        for arm in state["arms"]
-    ]
-    bases = base_section(state)
-    if bases:
-        sections.append(("bases", "Bases", bases))
-    return page.page(f"First hour: {state['scene']}", f"{arms}; begun {state['begun']}", sections)
+        last, words = failed[-1], {"found": "found", "expected": "expected", "remedy": "to do"}
+        return page.box([f"{last['title']}: no-go", *(f"{word}: {last[key]}" for key, word in words.items())])
+    if ended.get("verdict") == "go":
+        return page.box(["All steps passed: go."], fine=True)
+    return page.box([f"The tour ended before it was complete, at '{ended.get('step', '')}'."])
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("state", type=pathlib.Path)
-    path = parser.parse_args().state
-    (path.parent / "commission.html").write_text(make(json.loads(path.read_text()), path.parent), encoding="utf-8")
+def make(path):
+    state, arms = json.loads(path.read_text(encoding="utf-8")), []
+    for arm in state["arms"]:
+        arms.append((f"Arm '{arm['name']}' beside its twin", list(arm_section(state, arm, path.parent))))
+    sections = [("Steps", verdict(state), list(step_section(state))), *arms, ("Bases", list(base_section(state)))]
+    lead = ", ".join(f"{arm['name']} ({arm['address']})" for arm in state["arms"]) + f"; begun {state['begun']}"
+    page.write(path.with_name("commission.html"), page.page(f"First hour: {state['scene']}", lead, sections))
 
 
 if __name__ == "__main__":
-    main()
+    page.run(make, __doc__)

@@ -37,16 +37,31 @@ void StepResult::fail(std::string what_found, std::string what_expected, std::st
   remedy = std::move(what_to_do);
 }
 
-void StepResult::add(Reading reading) {
+void StepResult::add(Reading reading, const std::string& remedy_, const std::string& found_) {
+  const std::string unit = reading.unit.empty() ? "" : " " + reading.unit;
   if (!reading.good()) {
-    fail(fmt::format("{}{} is {:.3g}{}{}{}", reading.arm.empty() ? "" : "arm '" + reading.arm + "': ",
-                     reading.quantity, reading.value, reading.unit.empty() ? "" : " ", reading.unit,
-                     reading.found.empty() ? "" : ", " + reading.found),
-         fmt::format("{} {:g}{}{}", reading.at_least ? "at least" : "at most", reading.limit,
-                     reading.unit.empty() ? "" : " ", reading.unit),
-         reading.remedy);
+    fail(fmt::format("{}{} is {:.3g}{}{}", reading.arm.empty() ? "" : "arm '" + reading.arm + "': ",
+                     reading.quantity, reading.value, unit, found_.empty() ? "" : ", " + found_),
+         fmt::format("{} {:g}{}", reading.at_least ? "at least" : "at most", reading.limit, unit), remedy_);
   }
   readings.push_back(std::move(reading));
+}
+
+void StepResult::at_most(const std::string& arm, const std::string& quantity, double value,
+                         const std::string& unit, double limit, const std::string& what_to_do,
+                         const std::string& what_found) {
+  add({arm, quantity, value, unit, limit}, what_to_do, what_found);
+}
+
+void StepResult::at_least(const std::string& arm, const std::string& quantity, double value,
+                          const std::string& unit, double limit, const std::string& what_to_do,
+                          const std::string& what_found) {
+  add({arm, quantity, value, unit, limit, true}, what_to_do, what_found);
+}
+
+void StepResult::show(const std::string& arm, const std::string& quantity, double value,
+                      const std::string& unit) {
+  readings.push_back({arm, quantity, value, unit, kShown});
 }
 
 Json to_json(const StepResult& result) {

@@ -10,10 +10,10 @@ namespace multipanda::commission {
 
 using Json = nlohmann::ordered_json;
 
-// The limit of a figure that is only shown.
+// A figure without limit is only shown.
 inline constexpr double kShown = std::numeric_limits<double>::infinity();
 
-// One judged figure of a step.
+// One figure of a step.
 struct Reading {
   std::string arm;       // empty: of the computer, or of all arms
   std::string quantity;  // "largest torque at rest"
@@ -21,8 +21,6 @@ struct Reading {
   std::string unit;       // "N m"
   double limit = 0;       // infinite: shown only
   bool at_least = false;  // the value must reach the limit; otherwise it may not exceed it
-  // What was found, in words, and what to do; both used if the figure is beyond its limit.
-  std::string found, remedy;
 
   bool good() const;  // false for a value that is not a number
 };
@@ -34,15 +32,25 @@ std::string to_string(Verdict verdict);
 struct StepResult {
   Verdict verdict = Verdict::go;
   std::vector<Reading> readings;
-  std::vector<std::string> notes;       // what a person should know; no judgment
+  std::vector<std::string> notes;       // information for the person, not judged
   std::string found, expected, remedy;  // of a no-go
   Json measured = Json::object();       // curves for the page, by arm
 
-  void add(Reading reading);
+  // Figures with unit and limit; `remedy` and `found` (in words) are used if the value is beyond the limit or
+  // not a number.
+  void at_most(const std::string& arm, const std::string& quantity, double value, const std::string& unit,
+               double limit, const std::string& remedy, const std::string& found = {});
+  void at_least(const std::string& arm, const std::string& quantity, double value, const std::string& unit,
+                double limit, const std::string& remedy, const std::string& found = {});
+  // A figure that is not judged.
+  void show(const std::string& arm, const std::string& quantity, double value, const std::string& unit);
   void fail(std::string what_found, std::string what_expected, std::string what_to_do);
+
+ private:
+  void add(Reading reading, const std::string& remedy, const std::string& found);
 };
 
 Json to_json(const StepResult& result);
-std::string reading_text(const Json& reading);  // of an element of "readings"
+std::string reading_text(const Json& reading);  // text of an element of "readings"
 
 }  // namespace multipanda::commission

@@ -1,10 +1,9 @@
-#include "commission/gravity_fit.hpp"
-
 #include <numbers>
 #include <random>
 
 #include <gtest/gtest.h>
 
+#include "commission/fits.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/testing/full_series.hpp"
 #include "scene/build.hpp"

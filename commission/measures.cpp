@@ -33,8 +33,8 @@ void append(Track& track, const Track& more) {
     track.arms[i].insert(track.arms[i].end(), more.arms[i].begin(), more.arms[i].end());
 }
 
-// Friction opposes the motion; at the same place of the way out and back everything else is the same. The way
-// is symmetric in time, so its fast middle is the same places.
+// Friction opposes the motion; at the same position out and back everything else is equal. The motion is
+// symmetric in time, so both fast middle parts cover the same positions.
 double friction_from(const Track& out, const Track& back, ArmIndex arm, std::size_t joint, double direction) {
   const auto mean_of = [&](const Track& way, double sign) {
     double sum = 0, weight = 0, peak = 0;
@@ -200,7 +200,7 @@ DelayFigures lag_of(const std::vector<double>& x, const std::vector<double>& y, 
 }
 
 DelayFigures delay_without_friction(const DelayFigures& slow, const DelayFigures& fast) {
-  // A lag at the end of what was searched is none that was found.
+  // A lag at the end of the search range is not valid.
   const double most = std::max(std::abs(slow.torque_delay_s), std::abs(fast.torque_delay_s));
   return {.torque_delay_s = (4 * fast.torque_delay_s - slow.torque_delay_s) / 3,
           .fit = most > 0.95 * kLongestLag_s ? 0 : std::min(slow.fit, fast.fit)};
@@ -216,7 +216,7 @@ DelayFigures measure_delay(ArmsRun& run, ArmIndex arm) {
     (void)resting_place(run, arm);
     run.wiggle(arm, kJoint, amplitude, period_s, kSwing_s / period_s);
     const double begin = run.newest(arm).q[kJoint];
-    bool away = false;  // an arm that swings further than asked is ended at once
+    bool away = false;  // an arm that swings too far is stopped at once
     const Track track = run.watch(kSwing_s + period_s, 1, [&](const Track& so_far) {
       away = std::abs(so_far.arms[arm].back().q[kJoint] - begin) > 4 * kWiggle_rad;
       return away;

@@ -6,10 +6,9 @@
 
 #include <gtest/gtest.h>
 
-#include "backends/simulated_arm/joint_friction.hpp"
+#include "arm_interface/arm_settings.hpp"
+#include "backends/simulated_arm/friction.hpp"
 #include "commission/limits.hpp"
-#include "commission/scene_base.hpp"
-#include "device/arm_settings.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
@@ -106,6 +105,26 @@ TEST(Measures, OnSimulatedArms) {
   }
 }
 
+// The tour ends its own stop only: somebody who stops the arm meanwhile has a reason.
+TEST(ArmsRun, AStopOfSomebodyElseOutlastsThatOfTheTour) {
+  OpenedScene opened = open_scene("one_arm");
+  ArmsRun run(commission_scene(opened.scene), opened.registry, {.kind = BackendKind::mujoco}, false);
+  run.start();
+  for (const bool somebody : {false, true}) {
+    run.lead(0, Law::joint);
+    run.stop(0);
+    (void)run.watch(0.1);
+    if (somebody) {
+      run.halt();
+      (void)run.watch(0.1);
+      EXPECT_THROW(run.resume(0), ArmLeft);
+      EXPECT_THROW(run.lead(0, Law::joint), ArmLeft);
+    } else {
+      run.resume(0);
+    }
+  }
+}
+
 TEST(CommissionScene, HasNoThresholdAboveTheCarefulOnes) {
   Scene scene = open_scene("two_arms").scene;
   const SetCollisionThresholds careful = careful_thresholds(*build_arm_model(scene.arms[0]));
@@ -122,17 +141,6 @@ TEST(CommissionScene, HasNoThresholdAboveTheCarefulOnes) {
   EXPECT_TRUE(tour.active.empty());
   EXPECT_TRUE(tour.timeline.empty());
   EXPECT_LE(tour.contact_bounds.hand_speed, 0.1);
-}
-
-TEST(SceneBase, IsWrittenAndReadAgain) {
-  const OpenedScene opened = open_scene("two_arms");
-  const Pose X_WB{rotation_from_rpy({0.01, -0.02, 3.0}), Vector3(0.1, -0.3, 0.02)};
-  const std::string text = with_base(opened.scene.text, "right", X_WB, "note");
-  const Scene read = parse_scene(text, "scene.yaml", opened.registry);
-  EXPECT_LT(pose_error(X_WB, read.arms[1].X_WB).norm(), 1e-6);
-  EXPECT_LT(pose_error(opened.scene.arms[0].X_WB, read.arms[0].X_WB).norm(), 1e-12);
-  EXPECT_EQ(read.controllets.size(), opened.scene.controllets.size());
-  EXPECT_THROW(with_base(opened.scene.text, "middle", X_WB, ""), std::invalid_argument);
 }
 
 }  // namespace

@@ -1,11 +1,10 @@
-#include "commission/rigid_fit.hpp"
-
 #include <limits>
 #include <numbers>
 #include <random>
 
 #include <gtest/gtest.h>
 
+#include "commission/fits.hpp"
 #include "core/testing/full_series.hpp"
 
 namespace multipanda::commission {
@@ -127,16 +126,6 @@ TEST(RigidFit, RefusesWhatItCannotFit) {
   std::vector<Vector3> broken = three;
   broken[1].y() = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THROW(fit_rigid(three, broken), std::invalid_argument);
-}
-
-TEST(RigidFit, RollPitchYawComeBack) {
-  Draw draw{std::mt19937_64(14)};
-  for (int k = 0; k < 200; ++k) {
-    const Vector3 rpy(draw.uniform(-3, 3), k % 10 == 0 ? std::numbers::pi / 2 : draw.uniform(-1.5, 1.5),
-                      draw.uniform(-3, 3));
-    const Matrix3 R = rotation_from_rpy(rpy);
-    EXPECT_LT((rotation_from_rpy(rpy_of(R)) - R).norm(), 1e-6) << rpy.transpose();
-  }
 }
 
 }  // namespace

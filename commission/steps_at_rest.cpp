@@ -6,14 +6,14 @@
 
 #include <fmt/format.h>
 
-#include "commission/gravity_fit.hpp"
+#include "commission/fits.hpp"
 #include "commission/limits.hpp"
 #include "commission/tour.hpp"
 #include "core/rt/thread_setup.hpp"
+#include "core/types/statistics.hpp"
 #include "doctor/arm_stream.hpp"
 #include "doctor/examination.hpp"
-#include "doctor/network_card.hpp"
-#include "doctor/round_trip.hpp"
+#include "doctor/network.hpp"
 #include "fci/client/arm_connection.hpp"
 #include "fci/client/arm_packet.hpp"
 #include "fci/client/from_scene.hpp"
@@ -22,7 +22,7 @@
 #include "models/robot_description.hpp"
 #include "scene/build.hpp"
 
-// The steps before torque control: nothing here can move an arm, they only read its states and its settings.
+// Steps before torque control: they only read states and settings of the arms and cannot move them.
 namespace multipanda::commission {
 namespace {
 
@@ -46,8 +46,8 @@ double fastest_joint(const RobotState& state) {
   return fastest;
 }
 
-// The mean over `count` states of an arm at rest, and its fastest joint among them. An arm that was touched
-// or let go shortly before may come to rest first.
+// Mean over `count` states of an arm at rest, and its fastest joint. An arm that was just touched or released
+// may come to rest first.
 struct Rest {
   RestSample mean{JointVector::Zero(7), JointVector::Zero(7)};
   double fastest = 0;  // [rad/s]
@@ -71,26 +71,23 @@ std::string address_of(const Context& context, ArmIndex arm) {
   return fmt::format("arm '{}' at {}", context.arm(arm).name, context.setup.addresses[arm]);
 }
 
-// A finding that is bad ends the tour; for warnings the person decides with the next key.
+// A bad finding ends the tour; for warnings the person decides with the next key.
 void take(StepResult& result, const doctor::Finding& finding, const std::string& arm = {}) {
   for (const auto& figure : finding.figures) {
     if (figure.name != "p99" && figure.name != "lost" && figure.name != "version") continue;
-    result.readings.push_back({.arm = arm,
-                               .quantity = finding.subject + ", " + figure.name,
-                               .value = figure.value,
-                               .unit = figure.unit,
-                               .limit = kShown});
+    result.show(arm, finding.subject + ", " + figure.name, figure.value, figure.unit);
   }
   const std::string text = finding.subject + ": " + finding.measured;
   if (finding.judged == doctor::Judgment::bad)
-    result.fail(text, "a computer that keeps 1 kHz", finding.cause + "; " + finding.cure);
+    result.fail(text, "a computer that sustains 1 kHz", finding.cause + "; " + finding.cure);
   if (finding.judged == doctor::Judgment::warning)
     result.notes.push_back(text + ". " + finding.cause + ". " + finding.cure);
 }
 
 StepResult run_doctor(Context& context) {
   StepResult result;
-  // Judged for what the addresses are, measured without them: the network has a step of its own.
+  // Judged by the purpose that follows from the addresses, but measured without them: the network has its
+  // own step.
   const auto findings = doctor::examine({.addresses = {},
                                          .scene = context.setup.scene_name,
                                          .seconds = context.setup.seconds,
@@ -117,22 +114,15 @@ StepResult run_network(Context& context) {
     const auto round_trip = doctor::read_round_trip(address, context.setup.seconds);
     if (round_trip.us.empty())
       result.notes.push_back(address_of(context, i) + ": no echo; round trip not judged");
-    if (!round_trip.us.empty()) {
-      auto sorted = round_trip.us;
-      std::sort(sorted.begin(), sorted.end());
-      const double p99 = sorted[(sorted.size() * 99) / 100 >= sorted.size() ? sorted.size() - 1
-                                                                            : (sorted.size() * 99) / 100];
-      result.add(
-          {.arm = name,
-           .quantity = "round trip, p99",
-           .value = p99,
-           .unit = "us",
-           .limit = context.virtual_arms() ? kShown : kRoundTripP99_us,
-           .remedy = "a direct cable to a network card of its own; see the doctor's line on timer wake-up"});
+    if (auto us = round_trip.us; !us.empty()) {
+      result.at_most(
+          name, "round trip, p99", quantile(us, 0.99), "us",
+          context.virtual_arms() ? kShown : kRoundTripP99_us,
+          "connect the arm directly to a separate network card; see the doctor's line on timer wake-up");
     }
     const auto stream = doctor::read_arm_stream(address, context.setup.seconds);
     if (!stream.reason.empty()) {
-      result.fail(address_of(context, i) + ": " + stream.reason, "an arm that sends its state",
+      result.fail(address_of(context, i) + ": " + stream.reason, "an arm that sends states",
                   doctor::judge_arm_version(stream, purpose).cure);
       continue;
     }
@@ -144,34 +134,18 @@ StepResult run_network(Context& context) {
     const auto share = [&](std::uint64_t states) {
       return 100 * static_cast<double>(states) / std::max(1.0, sent);
     };
-    result.add({.arm = name,
-                .quantity = "states lost",
-                .value = share(stream.lost - stream.outdated),
-                .unit = "%",
-                .limit = 100 * limit,
-                .found = fmt::format("{} of {:.0f}", stream.lost - stream.outdated, sent),
-                .remedy = cable});
-    result.add({.arm = name,
-                .quantity = "states read so late that a newer one had come",
-                .value = share(stream.outdated),
-                .unit = "%",
-                .limit = context.virtual_arms() ? kShown : 100 * limit,
-                .found = fmt::format("{} of {:.0f}", stream.outdated, sent),
-                .remedy = "this computer wakes too late: see the doctor's line on timer wake-up"});
-    // For the torque both are missed.
-    result.add({.arm = name,
-                .quantity = "states lost or read late",
-                .value = share(stream.lost),
-                .unit = "%",
-                .limit = context.virtual_arms() ? kShown : 100 * limit,
-                .found = fmt::format("{} of {:.0f}", stream.lost, sent),
-                .remedy = "see the two lines above for the cause"});
-    result.add({.arm = name,
-                .quantity = "states missed in a row",
-                .value = static_cast<double>(stream.lost_in_row),
-                .unit = "",
-                .limit = context.virtual_arms() ? 100.0 : 10.0,
-                .remedy = cable});
+    result.at_most(name, "states lost", share(stream.lost - stream.outdated), "%", 100 * limit, cable,
+                   fmt::format("{} of {:.0f}", stream.lost - stream.outdated, sent));
+    result.at_most(name, "states superseded before they were read", share(stream.outdated), "%",
+                   context.virtual_arms() ? kShown : 100 * limit,
+                   "this computer wakes too late: see the doctor's line on timer wake-up",
+                   fmt::format("{} of {:.0f}", stream.outdated, sent));
+    // For the torque both count as missed.
+    result.at_most(name, "states lost or read late", share(stream.lost), "%",
+                   context.virtual_arms() ? kShown : 100 * limit, "see the two lines above for the cause",
+                   fmt::format("{} of {:.0f}", stream.lost, sent));
+    result.at_most(name, "states missed in a row", static_cast<double>(stream.lost_in_row), "",
+                   context.virtual_arms() ? 100.0 : 10.0, cable);
   }
   return result;
 }
@@ -182,11 +156,7 @@ StepResult run_versions(Context& context) {
     const auto link = connected(context, i);
     const RobotState& state = link->next_state();
     const auto mode = fci::mode_name(state.robot_mode);
-    result.readings.push_back({.arm = context.arm(i).name,
-                               .quantity = "protocol version",
-                               .value = static_cast<double>(link->version()),
-                               .unit = "",
-                               .limit = kShown});
+    result.show(context.arm(i).name, "protocol version", static_cast<double>(link->version()), "");
     result.notes.push_back(fmt::format("{}: {}, mode {}", address_of(context, i),
                                        doctor::arms_of_version(link->version()), mode));
     constexpr int kNewestPanda = 5;
@@ -198,14 +168,14 @@ StepResult run_versions(Context& context) {
     if (!fci::is_mode(state, fci::RobotMode::idle)) {
       result.fail(fmt::format("{} is in mode '{}' {}", address_of(context, i), mode, fci::error_list(state)),
                   "mode 'idle': brakes open, FCI activated, user stop released, no error",
-                  "release the user stop and end hand guiding; see that nobody is in its way and recover it "
-                  "in its web interface");
+                  "release the user stop and end hand guiding; make sure that nobody is in its way and "
+                  "recover it in its web interface");
     }
   }
   return result;
 }
 
-// Which arm feels the person's hand: the change of the external torque since the beginning.
+// Finds the arm that feels the person's hand: change of the external torque since the beginning.
 StepResult run_identity(Context& context) {
   StepResult result;
   std::vector<std::unique_ptr<ArmConnection>> links;
@@ -240,16 +210,16 @@ StepResult run_identity(Context& context) {
     }
     if (in_a_row < kEnough) {
       result.fail(
-          fmt::format("no arm felt a push of arm '{}' within {:g} s (at most {:.1f} N m)", name, kTouchWait_s,
-                      longest),
-          fmt::format("more than {:g} N m on a joint of it", kTouchTorque),
+          fmt::format("no arm reported a push on arm '{}' within {:g} s (at most {:.1f} N m)", name,
+                      kTouchWait_s, longest),
+          fmt::format("more than {:g} N m on one of its joints", kTouchTorque),
           "push harder, at the hand; if it is at another address, correct the order of the addresses");
       return result;
     }
     const auto most = static_cast<std::size_t>(std::max_element(felt.begin(), felt.end()) - felt.begin());
     if (most != named) {
       result.fail(
-          fmt::format("the push on arm '{}' was felt by the arm at {}, which the scene calls '{}'", name,
+          fmt::format("the push on arm '{}' was measured at {}, which the scene calls '{}'", name,
                       context.setup.addresses[most], context.arm(most).name),
           fmt::format("the arm at {} to feel it", context.setup.addresses[named]),
           "the addresses are swapped: exchange them in the command (or the cables), then begin again");
@@ -257,17 +227,9 @@ StepResult run_identity(Context& context) {
     }
     double others = 0;
     for (std::size_t i = 0; i < felt.size(); ++i) others = i == named ? others : std::max(others, felt[i]);
-    result.readings.push_back({.arm = name,
-                               .quantity = "external torque of the push",
-                               .value = felt[named],
-                               .unit = "N m",
-                               .limit = kShown});
-    result.add({.arm = name,
-                .quantity = "felt by another arm, share",
-                .value = others / felt[named],
-                .unit = "",
-                .limit = kTouchShare,
-                .remedy = "push one arm only; if the arms touch each other, move them apart"});
+    result.show(name, "external torque of the push", felt[named], "N m");
+    result.at_most(name, "share measured by another arm", others / felt[named], "", kTouchShare,
+                   "push one arm only; if the arms touch each other, move them apart");
     if (result.verdict == Verdict::no_go) return result;
     context.say(fmt::format("  arm '{}' at {}: felt ({:.1f} N m). Let go.", name,
                             context.setup.addresses[named], felt[named]));
@@ -289,14 +251,25 @@ StepResult run_model(Context& context) {
             "a Panda, as the scene's model '" + arm.model + "' says",
             "set 'model: fr3' in the scene, or exchange the addresses");
       }
-      result.notes.push_back(
-          fmt::format("{} has protocol version {} and sends its model as a library, which is not "
-                      "compared; gravity at rest tells its masses",
-                      address_of(context, i), link->version()));
+    }
+    const bool as_text = link->dialect().has_model_text();
+    std::string urdf;
+    std::vector<std::byte> library;
+    const auto compared = [&](const fci::FciArmConfig& ours) {
+      return as_text ? fci::compare_models(urdf, ours.hand, *ours.model)
+                     : fci::compare_models(library, ours.hand, *ours.model);
+    };
+    fci::ModelComparison found;
+    try {
+      if (as_text) urdf = link->robot_model();
+      if (!as_text) library = link->model_library();
+      found = compared(config);
+    } catch (const std::exception& error) {
+      if (as_text) throw;
+      result.notes.push_back(fmt::format("{} has protocol version {}, and its model is not compared: {}",
+                                         address_of(context, i), link->version(), error.what()));
       continue;
     }
-    const std::string urdf = link->robot_model();
-    const auto found = fci::compare_models(urdf, config.hand, *config.model);
     std::string better;
     if (!found.same_kinematics() || !found.same_dynamics()) {
       for (const auto& name : available_robots()) {
@@ -305,7 +278,7 @@ StepResult run_model(Context& context) {
           other.model = name;
           other.hand = arm.hand && load_robot(name).hand.has_value();
           const auto theirs = fci::fci_arm_config(other, context.setup.addresses[i]);
-          const auto match = fci::compare_models(urdf, theirs.hand, *theirs.model);
+          const auto match = compared(theirs);
           if (match.same_kinematics() && match.same_dynamics())
             better += (better.empty() ? "" : ", ") + ("'" + name + "'");
         } catch (const std::exception&) {  // a model with other joints
@@ -318,18 +291,14 @@ StepResult run_model(Context& context) {
             : "the arm's own model is " + better + ": set 'model' of arm '" + arm.name + "' in the scene";
     const std::string text = "the scene's model is '" + arm.model + "': " + found.text();
     const auto add = [&](const char* what, double value, double limit, const char* unit) {
-      result.add({.arm = arm.name,
-                  .quantity = what,
-                  .value = value,
-                  .unit = unit,
-                  .limit = limit,
-                  .found = text,
-                  .remedy = remedy});
+      result.at_most(arm.name, what, value, unit, limit, remedy, text);
     };
-    add("flange apart from the scene's model", 1e3 * found.position_m, 1e3 * found.kKinematics, "mm");
-    add("flange turned from the scene's model", 1e3 * found.orientation_rad, 1e3 * found.kKinematics, "mrad");
-    add("gravity torque of its model, difference", found.gravity_nm, found.kGravity, "N m");
-    add("mass matrix of its model, difference", 100 * found.mass_matrix, 100 * found.kMass, "%");
+    add("distance of the flange from the scene's model", 1e3 * found.position_m, 1e3 * found.kKinematics,
+        "mm");
+    add("rotation of the flange from the scene's model", 1e3 * found.orientation_rad, 1e3 * found.kKinematics,
+        "mrad");
+    add("difference in gravity torque", found.gravity_nm, found.gravity_limit_nm, "N m");
+    add("difference in the mass matrix", 100 * found.mass_matrix, 100 * found.mass_limit, "%");
     if (!found.limits.empty()) result.notes.push_back("arm '" + arm.name + "': " + found.limits);
   }
   return result;
@@ -349,23 +318,19 @@ StepResult run_end_effector(Context& context) {
     const Load ours = fci::with(config.hand_declared.value_or(config.hand), config.tool);
     const double torque =
         std::min(worst_torque(theirs, ours), worst_torque(theirs, fci::with(config.hand, config.tool)));
-    result.add(
-        {.arm = context.arm(i).name,
-         .quantity = "end effector, declared against scene",
-         .value = torque,
-         .unit = "N m",
-         .limit = kDeclaredTorque,
-         .found = fmt::format("the arm's settings declare {:.3f} kg at [{:.3f}, {:.3f}, {:.3f}] m, the scene "
-                              "{:.3f} kg at [{:.3f}, {:.3f}, {:.3f}] m",
-                              theirs.mass, theirs.p_FC.x(), theirs.p_FC.y(), theirs.p_FC.z(), ours.mass,
-                              ours.p_FC.x(), ours.p_FC.y(), ours.p_FC.z()),
-         .remedy = "correct the end effector in the arm's web interface, or 'hand' and 'tool' in the scene"});
+    result.at_most(context.arm(i).name, "end effector: declared compared with scene", torque, "N m",
+                   kDeclaredTorque,
+                   "correct the end effector in the arm's web interface, or 'hand' and 'tool' in the scene",
+                   fmt::format("the arm's settings declare {:.3f} kg at [{:.3f}, {:.3f}, {:.3f}] m, the "
+                               "scene {:.3f} kg at [{:.3f}, {:.3f}, {:.3f}] m",
+                               theirs.mass, theirs.p_FC.x(), theirs.p_FC.y(), theirs.p_FC.z(), ours.mass,
+                               ours.p_FC.x(), ours.p_FC.y(), ours.p_FC.z()));
   }
   return result;
 }
 
-// Torques of an arm that holds itself, against the scene: base, end effector and load at once, before the
-// arm's gravity compensation depends on them.
+// Torques of an arm that holds itself, compared with the scene: checks base, end effector and load before the
+// gravity compensation depends on them.
 StepResult run_gravity(Context& context) {
   StepResult result;
   for (ArmIndex i = 0; i < context.arm_count(); ++i) {
@@ -375,37 +340,19 @@ StepResult run_gravity(Context& context) {
     const GravityFit fit = fit_gravity(context.arm(i), std::span(&sample, 1));
     const std::string& name = context.arm(i).name;
     result.measured[name]["q"] = std::vector<double>(sample.q.begin(), sample.q.end());
-    result.add({.arm = name,
-                .quantity = "fastest joint at rest",
-                .value = rest.fastest,
-                .unit = "rad/s",
-                .limit = kStillSpeed,
-                .remedy = "wait until the arm rests, and do not touch it"});
+    result.at_most(name, "fastest joint at rest", rest.fastest, "rad/s", kStillSpeed,
+                   "wait until the arm rests, and do not touch it");
     const std::string remedy = fit.load_explains()
-                                   ? "take off what the scene does not declare, or declare it "
-                                     "('load_declared', 'tool', 'hand'); in the arm's web interface, too"
+                                   ? "remove parts that the scene does not declare, or declare them "
+                                     "('load_declared', 'tool', 'hand'), also in the arm's web interface"
                                    : "correct 'base: rpy_rad' of the arm in the scene to how it is mounted, "
                                      "and its mounting in its own settings";
-    result.add({.arm = name,
-                .quantity = "torque at rest, measured against the scene's",
-                .value = fit.largest_nm,
-                .unit = "N m",
-                .limit = kGravityTorque,
-                .found = fmt::format("at joint {}, {}", fit.joint + 1, fit.text()),
-                .remedy = remedy});
-    // A small tilt bends the compensation slightly; only what the tilt explains is judged by it.
-    result.add({.arm = name,
-                .quantity = "tilt of the base against the scene",
-                .value = 180 / M_PI * fit.tilt_rad,
-                .unit = "degrees",
-                .limit = fit.load_explains() ? kShown : 180 / M_PI * kTilt,
-                .found = fit.text(),
-                .remedy = remedy});
-    result.readings.push_back({.arm = name,
-                               .quantity = "load beyond the declared one",
-                               .value = fit.mass_kg,
-                               .unit = "kg",
-                               .limit = kShown});
+    result.at_most(name, "torque at rest: measured compared with scene", fit.largest_nm, "N m",
+                   kGravityTorque, remedy, fmt::format("at joint {}, {}", fit.joint + 1, fit.text()));
+    // A small tilt changes gravity slightly; the limit applies only to tilt that explains the difference.
+    result.at_most(name, "tilt of the base against the scene", 180 / M_PI * fit.tilt_rad, "degrees",
+                   fit.load_explains() ? kShown : 180 / M_PI * kTilt, remedy, fit.text());
+    result.show(name, "load beyond the declared one", fit.mass_kg, "kg");
   }
   return result;
 }
@@ -428,25 +375,25 @@ void add_steps_at_rest(std::vector<Step>& steps, const TourSetup& setup) {
   steps.push_back({"versions", "Versions and modes of " + all,
                    "Nothing moves. No-go: a mode other than idle, or an error.", false, true, run_versions});
   steps.push_back({"identity", "Which arm is which",
-                   fmt::format("No arm moves by itself; you touch each arm that is named. No-go: another arm "
-                               "feels it, or none within {:g} s.",
+                   fmt::format("No arm moves by itself; you push each arm when asked. No-go: another arm "
+                               "reports the push, or none within {:g} s.",
                                kTouchWait_s),
                    false, true, run_identity});
-  steps.push_back({"model", "Models of " + all + " against the scene's",
-                   fmt::format("Nothing moves. No-go: flanges more than {:g} mm apart, gravity torques more "
-                               "than {:g} N m, mass matrices more than {:g} %.",
-                               1e3 * fci::ModelComparison::kKinematics, fci::ModelComparison::kGravity,
-                               100 * fci::ModelComparison::kMass),
-                   false, true, run_model});
   steps.push_back(
-      {"end_effector", "End effectors against the scene's",
+      {"model", "Models of " + all + " compared with the scene's",
+       fmt::format("Nothing moves. No-go: flanges more than {:g} mm apart, gravity torques more "
+                   "than {:g} N m, mass matrices more than {:g} %; of a Panda 0.3 N m and 8 %.",
+                   1e3 * fci::ModelComparison::kKinematics, fci::ModelComparison{}.gravity_limit_nm,
+                   100 * fci::ModelComparison{}.mass_limit),
+       false, true, run_model});
+  steps.push_back(
+      {"end_effector", "End effectors compared with the scene's",
        fmt::format("Nothing moves. No-go: a difference that weighs more than {:g} N m on a joint.",
                    kDeclaredTorque),
        false, true, run_end_effector});
   steps.push_back({"gravity", "Mounting and load, from the torques at rest",
-                   fmt::format("Nothing moves; do not touch {}. "
-                               "No-go: more than {:g} N m between measurement and scene, or a base "
-                               "turned by more than {:.0f} degrees.",
+                   fmt::format("Nothing moves; do not touch {}. No-go: more than {:g} N m between "
+                               "measurement and scene, or a base turned by more than {:.0f} degrees.",
                                all, kGravityTorque, 180 / M_PI * kTilt),
                    false, true, run_gravity});
 }

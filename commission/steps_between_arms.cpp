@@ -6,13 +6,13 @@
 
 #include <fmt/format.h>
 
+#include "commission/fits.hpp"
 #include "commission/limits.hpp"
-#include "commission/rigid_fit.hpp"
-#include "commission/scene_base.hpp"
 #include "commission/tour.hpp"
 #include "scene/load.hpp"
+#include "scene/rewrite.hpp"
 
-// Where the bases stand to each other: laws that couple arms squeeze by millimeters between them.
+// Relative poses of the bases: errors of millimeters become forces between coupled arms.
 namespace multipanda::commission {
 namespace {
 
@@ -21,7 +21,7 @@ Vector3 tip_of(ModelTerms& terms, const JointVector& q) {
   return terms.X_WE().position;
 }
 
-// Waits until the arm, led by hand, rests at a place that `fits` (tip in the world).
+// Waits until the guided arm rests at a place that `fits` (tip in the world).
 bool wait_for_rest(Context& context, ArmIndex arm, const std::function<bool(const Vector3&)>& fits = {}) {
   ArmsRun& run = *context.run;
   const std::size_t n = run.joint_count(arm);
@@ -39,10 +39,10 @@ bool wait_for_rest(Context& context, ArmIndex arm, const std::function<bool(cons
   return still >= kStill;
 }
 
-// A joint may turn by so much while a point is read, 0.2 s [rad].
+// Largest motion of a joint while a point is read, 0.2 s [rad].
 constexpr double kCreep_rad = 0.002;
 
-// The end effector's origin in the arm's base, at rest; the arm is led by hand meanwhile.
+// The end effector's origin in the arm's base, at rest; the arm is guided by hand.
 Vector3 tip_in_base(Context& context, ArmIndex arm) {
   ArmsRun& run = *context.run;
   if (!wait_for_rest(context, arm))
@@ -68,23 +68,22 @@ std::vector<Vector3> led_points(Context& context, ArmIndex arm, int count) {
   std::vector<Vector3> points;
   context.person.ready(
       fmt::format("bases.{}", name),
-      fmt::format("Take the hand of arm '{}'. After this key it can be led; the other arms stay in hold.",
+      fmt::format("Take the hand of arm '{}'. After this key you can guide it; the other arms stay in hold.",
                   name));
   context.run->lead(arm, Law::guide);
   for (int k = 1; k <= count; ++k) {
     context.person.ready(
         fmt::format("bases.{}.{}", name, k),
-        fmt::format("Put the tip of arm '{}' on point {} of {}, hold it still; then this key.", name, k,
+        fmt::format("Put the tip of arm '{}' on point {} of {}, hold it still; then press the key.", name, k,
                     count));
     points.push_back(tip_in_base(context, arm));
     context.say(fmt::format("  point {}: [{:.4f}, {:.4f}, {:.4f}] m in its base", k, points.back().x(),
                             points.back().y(), points.back().z()));
   }
-  context.person.ready(
-      fmt::format("bases.{}.away", name),
-      fmt::format("After this key, lead arm '{}' {:.0f} cm or more away from the points and keep "
-                  "it still; then it is held there.",
-                  name, 100 * kAway_m));
+  context.person.ready(fmt::format("bases.{}.away", name),
+                       fmt::format("After this key, guide arm '{}' at least {:.0f} cm away from the points "
+                                   "and keep it still; it is then held there.",
+                                   name, 100 * kAway_m));
   const auto is_away = [&](const Vector3& tip) {
     const Vector3 tip_B = context.arm(arm).X_WB.inverse() * tip;
     return std::all_of(points.begin(), points.end(),
@@ -92,8 +91,8 @@ std::vector<Vector3> led_points(Context& context, ArmIndex arm, int count) {
   };
   if (!wait_for_rest(context, arm, is_away)) {
     throw ArmLeft(
-        fmt::format("arm '{}' is in the way of the next arm: it was not led {:.0f} cm away from the points "
-                    "within {:g} s",
+        fmt::format("arm '{}' is in the way of the next arm: it was not guided {:.0f} cm away from the "
+                    "points within {:g} s",
                     name, 100 * kAway_m, kGuideWait_s));
   }
   context.run->lead(arm, Law::hold);
@@ -122,42 +121,21 @@ StepResult run_bases(Context& context) {
     std::string each;
     for (const double residual : fit.residual_m)
       each += fmt::format("{}{:.1f}", each.empty() ? "" : ", ", 1e3 * residual);
-    result.add({.arm = name,
-                .quantity = "width of the points beside their line",
-                .value = 1e3 * fit.width_m,
-                .unit = "mm",
-                .limit = 1e3 * kBaseWidth_m,
-                .at_least = true,
-                .found = "they lie nearly on a line: the rotation about it is unknown",
-                .remedy = "choose points that span a triangle or a square"});
-    result.add({.arm = name,
-                .quantity = "residual of the points, rms",
-                .value = 1e3 * fit.rms_m,
-                .unit = "mm",
-                .limit = 1e3 * kBaseResidual_m,
-                .found = "of the points: " + each + " mm",
-                .remedy = "repeat the worst point; check 'end_effector' of both arms: the tip must be the "
-                          "point that touches"});
-    result.readings.push_back({.arm = name,
-                               .quantity = "uncertain rotation about the line of the points",
-                               .value = 1e3 * fit.angle_rad,
-                               .unit = "mrad",
-                               .limit = kShown});
-    result.add({.arm = name,
-                .quantity = "base away from the scene's",
-                .value = 1e3 * moved.head<3>().norm(),
-                .unit = "mm",
-                .limit = 1e3 * kBaseMoved_m,
-                .found = "another scene, or points of different order",
-                .remedy = "measure the bases with a tape and correct the scene, then repeat"});
-    result.add(
-        {.arm = name,
-         .quantity = "base turned from the scene's",
-         .value = 180 / M_PI * moved.tail<3>().norm(),
-         .unit = "degrees",
-         .limit = 180 / M_PI * kBaseTurned_rad,
-         .found = "another scene, or points of different order",
-         .remedy = "lead both arms to the points in the same order, or correct the scene, then repeat"});
+    result.at_least(name, "width of the points across their line", 1e3 * fit.width_m, "mm",
+                    1e3 * kBaseWidth_m, "choose points that span a triangle or a square",
+                    "they lie nearly on a line: the rotation about it is unknown");
+    result.at_most(name, "residual of the points, rms", 1e3 * fit.rms_m, "mm", 1e3 * kBaseResidual_m,
+                   "repeat the worst point; check 'end_effector' of both arms: it must be the tip that "
+                   "touches the point",
+                   "of the points: " + each + " mm");
+    result.show(name, "uncertain rotation about the line of the points", 1e3 * fit.angle_rad, "mrad");
+    result.at_most(name, "base away from the scene's", 1e3 * moved.head<3>().norm(), "mm", 1e3 * kBaseMoved_m,
+                   "measure the bases with a tape and correct the scene, then repeat",
+                   "another scene, or points of different order");
+    result.at_most(name, "base turned from the scene's", 180 / M_PI * moved.tail<3>().norm(), "degrees",
+                   180 / M_PI * kBaseTurned_rad,
+                   "guide both arms to the points in the same order, or correct the scene, then repeat",
+                   "another scene, or points of different order");
     result.measured[name] = {{"residual_m", fit.residual_m},
                              {"position_m", row(X_WB.position)},
                              {"rpy_rad", row(rpy_of(X_WB.rotation))},
@@ -175,7 +153,7 @@ StepResult run_bases(Context& context) {
     result.notes.push_back("the measured bases are in " + file.string());
   } catch (const std::exception& error) {
     result.notes.push_back("the measured bases are in " + file.string() +
-                           ", which can be used beside the files that it names: " + error.what());
+                           ", which refers to files next to it: " + error.what());
   }
   return result;
 }
@@ -184,8 +162,8 @@ StepResult run_bases(Context& context) {
 
 void add_steps_between_arms(std::vector<Step>& steps, const TourSetup& setup) {
   steps.push_back(
-      {"bases", "Where the bases stand to each other",
-       fmt::format("You lead the tip of each of the {} arms to the same points. Nothing moves by itself. "
+      {"bases", "Relative poses of the bases",
+       fmt::format("You guide the tip of each of the {} arms to the same points. Nothing moves by itself. "
                    "No-go: a residual above {:g} mm (rms), points within {:.0f} mm "
                    "of a line, or a base more than {:.0f} mm or {:.0f} degrees from the scene's.",
                    setup.scene.arms.size(), 1e3 * kBaseResidual_m, 1e3 * kBaseWidth_m, 1e3 * kBaseMoved_m,

@@ -4,12 +4,12 @@
 
 #include <fmt/format.h>
 
-#include "commission/gravity_fit.hpp"
+#include "arm_interface/arm_error.hpp"
+#include "commission/fits.hpp"
 #include "commission/limits.hpp"
 #include "commission/tour.hpp"
-#include "device/arm_error.hpp"
 
-// Torque control begins: hold, hand guiding, payload. The arms yield, and nothing but the person moves them.
+// Torque control begins: hold, hand guiding, payload. The arms yield, and only the person moves them.
 namespace multipanda::commission {
 namespace {
 
@@ -28,7 +28,7 @@ double fastest(const ArmsRun& run, ArmIndex arm, const ArmSample& sample) {
   return most;
 }
 
-// Both checks at once: an arm that goes away is seen before it is far.
+// Both checks at once, so that a drifting arm is detected early.
 StepResult run_hold(Context& context) {
   StepResult result;
   constexpr double kWatched_s = 2;
@@ -55,27 +55,15 @@ StepResult run_hold(Context& context) {
       turned = std::max(turned, (q - q0).lpNorm<Eigen::Infinity>());
       away = std::max(away, (flange_of(terms, q) - p0).norm());
     }
-    const std::string remedy =
-        "end here; the arm compensates a weight that it does not have, or lacks one: repeat the step on "
-        "gravity";
-    result.add({.arm = context.arm(i).name,
-                .quantity = "flange moved in hold",
-                .value = 1e3 * away,
-                .unit = "mm",
-                .limit = 1e3 * kHoldDrift_m,
-                .remedy = remedy});
-    result.add({.arm = context.arm(i).name,
-                .quantity = "joint moved in hold",
-                .value = turned,
-                .unit = "rad",
-                .limit = kHoldDrift_rad,
-                .remedy = remedy});
+    const std::string remedy = "end here; the compensated weight is wrong: repeat the step on gravity";
+    result.at_most(context.arm(i).name, "flange moved in hold", 1e3 * away, "mm", 1e3 * kHoldDrift_m, remedy);
+    result.at_most(context.arm(i).name, "joint moved in hold", turned, "rad", kHoldDrift_rad, remedy);
   }
   return result;
 }
 
-// Waits for a mode of the arm; the others must stay in hold. A reflex that lasts, or one with an error before
-// the mode was seen, is told as `stopped_itself`: whoever holds the button would press it then.
+// Waits for a mode of the arm; the others must stay in hold. A lasting reflex, or one with an error before
+// the mode was reported, counts as `stopped_itself`: the person would press the button in that case.
 bool wait_for_mode(Context& context, ArmIndex arm, ArmMode mode, bool is, bool* stopped_itself = nullptr) {
   bool seen = false, erred = false;
   int in_reflex = 0;
@@ -92,7 +80,7 @@ bool wait_for_mode(Context& context, ArmIndex arm, ArmMode mode, bool is, bool* 
   return seen && !erred;
 }
 
-// Before anything is led or moves: what the person holds must stop the arm that they mean.
+// Before any motion: the person's user stop must stop the intended arm.
 StepResult run_button(Context& context) {
   StepResult result;
   ArmsRun& run = *context.run;
@@ -114,12 +102,13 @@ StepResult run_button(Context& context) {
                     "see docs/errors.md for the cause; free the arm, then resume the tour");
         break;
       }
-      result.fail(fmt::format("the user stop of arm '{}' was not seen within {:g} s", name, kButtonWait_s),
-                  "the mode 'user stopped' of this arm",
-                  "check that the button belongs to this arm; do not go on without a user stop that works");
+      result.fail(
+          fmt::format("the user stop of arm '{}' was not detected within {:g} s", name, kButtonWait_s),
+          "the mode 'user stopped' of this arm",
+          "check that the button belongs to this arm; do not continue without a working user stop");
       break;
     }
-    context.say("  seen; now release it");
+    context.say("  detected; now release it");
     if (!wait_for_mode(context, i, ArmMode::user_stopped, false)) {
       result.fail(
           fmt::format("the user stop of arm '{}' was not released within {:g} s", name, kButtonWait_s),
@@ -131,11 +120,11 @@ StepResult run_button(Context& context) {
       result.notes.push_back(fmt::format("arm '{}' reported with its user stop: {}", name, errors));
     context.person.ready(
         "button." + name + ".recover",
-        fmt::format("After this key arm '{}' begins to hold again, where it is now{}. Stand clear.", name,
+        fmt::format("After this key arm '{}' holds its present position again{}. Stand clear.", name,
                     errors.empty() ? "" : ", and its errors are cleared: " + errors));
     if (const std::string now = error_names(run.newest(i).errors); now != errors) {
-      result.fail(fmt::format("arm '{}' stopped itself while the key was awaited: {}", name, now),
-                  "only what the question named", "free the arm, then resume the tour");
+      result.fail(fmt::format("arm '{}' stopped itself before the key was pressed: {}", name, now),
+                  "only errors that the question named", "free the arm, then resume the tour");
       break;
     }
     const RequestAnswer answer = run.request(i, RecoverFromError{});
@@ -156,21 +145,17 @@ StepResult run_button(Context& context) {
         most = std::max(most, std::abs(now.q[j] - before.q[j]));
       return most;
     };
-    // An arm that sinks is stopped at once: the no-go below halts it.
+    // A sinking arm is stopped at once: the no-go below halts it.
     (void)run.watch(1, 1, [&](const Track& track) { return away(track.arms[i].back()) > kHoldDrift_rad; });
     const double moved = away(run.newest(i));
-    result.add({.arm = name,
-                .quantity = "joint moved by stop and recovery",
-                .value = moved,
-                .unit = "rad",
-                .limit = kHoldDrift_rad,
-                .remedy = "repeat the step on gravity: the arm sank or rose"});
+    result.at_most(name, "joint moved by stop and recovery", moved, "rad", kHoldDrift_rad,
+                   "repeat the step on gravity: the arm sank or rose");
     if (result.verdict == Verdict::no_go) break;
   }
   return result;
 }
 
-// Waits until a person has led the flange and it rests again. Returns how far it was led [m].
+// Waits until a person has guided the flange and it rests again. Returns its displacement [m].
 double wait_for_guiding(Context& context, ArmIndex arm, const JointVector& from, double joints_apart) {
   ArmsRun& run = *context.run;
   ModelTerms terms = run.terms(arm);
@@ -197,8 +182,8 @@ StepResult run_guiding(Context& context) {
     const std::string& name = context.arm(i).name;
     context.person.ready(
         "guiding." + name,
-        fmt::format("Take the hand of arm '{}'. After this key it compensates its weight and can be led. "
-                    "Lead it {:.0f} cm or more, hold it still for half a second, then let go.",
+        fmt::format("Take the hand of arm '{}'. After this key it compensates its weight and you can guide "
+                    "it. Move it at least {:.0f} cm, hold it still for half a second, then let go.",
                     name, 100 * kGuided_m));
     const JointVector from = joints_of(run, i, run.newest(i));
     run.lead(i, Law::guide);
@@ -214,27 +199,18 @@ StepResult run_guiding(Context& context) {
       });
     }
     run.lead(i, Law::hold);
-    result.add({.arm = name,
-                .quantity = "led by hand",
-                .value = 100 * led,
-                .unit = "cm",
-                .limit = 100 * kGuided_m,
-                .at_least = true,
-                .found = fmt::format("within {:g} s", kGuideWait_s),
-                .remedy = "lead the arm at its hand; if it is stiff, its friction is too high for this law"});
-    result.add({.arm = name,
-                .quantity = "drift when let go",
-                .value = 1e3 * drift,
-                .unit = "mm",
-                .limit = 1e3 * kGuideDrift_m,
-                .remedy = "it sinks or rises: hand, tool and load of the scene or of the arm's settings are "
-                          "not those that it carries"});
+    result.at_least(name, "guided distance", 100 * led, "cm", 100 * kGuided_m,
+                    "guide the arm by its hand; if it is stiff, its friction is too high for this law",
+                    fmt::format("within {:g} s", kGuideWait_s));
+    result.at_most(name, "drift after release", 1e3 * drift, "mm", 1e3 * kGuideDrift_m,
+                   "it sinks or rises: hand, tool and load in the scene or in the arm's settings differ from "
+                   "the actual ones");
     if (result.verdict == Verdict::no_go) break;
   }
   return result;
 }
 
-// Poses for the payload check, each led by hand: in one pose a mass and its place look alike.
+// Poses for the payload check, guided by hand: a single pose cannot separate mass and center.
 StepResult run_payload(Context& context) {
   StepResult result;
   ArmsRun& run = *context.run;
@@ -247,24 +223,19 @@ StepResult run_payload(Context& context) {
       if (pose > 1) {
         context.person.ready(
             fmt::format("payload.{}.{}", name, pose),
-            fmt::format("Pose {} of {}: take the hand of arm '{}'. After this key, lead it "
-                        "to another pose (a joint by {:.0f} degrees or more, the hand by {:.0f} cm), "
-                        "hold it still for half a second; then it is held, and you let go.",
+            fmt::format("Pose {} of {}: take the hand of arm '{}'. After this key, guide it to another pose "
+                        "(a joint by at least {:.0f} degrees, the hand by {:.0f} cm) and hold it still for "
+                        "half a second; it is then held, and you let go.",
                         pose, kPoses, name, 180 / M_PI * kPoseApart_rad, 100 * kGuided_m));
         run.lead(i, Law::guide);
         const double led = wait_for_guiding(context, i, samples.back().q, kPoseApart_rad);
         run.lead(i, Law::hold);
-        result.add({.arm = name,
-                    .quantity = "led to another pose",
-                    .value = 100 * led,
-                    .unit = "cm",
-                    .limit = 100 * kGuided_m,
-                    .at_least = true,
-                    .found = fmt::format("within {:g} s", kGuideWait_s),
-                    .remedy = "lead the arm further, then keep it still"});
+        result.at_least(name, "guided to another pose", 100 * led, "cm", 100 * kGuided_m,
+                        "guide the arm further, then keep it still",
+                        fmt::format("within {:g} s", kGuideWait_s));
         if (result.verdict == Verdict::no_go) return result;
         context.person.ready(fmt::format("payload.{}.{}.free", name, pose),
-                             "Let go of the arm, then this key.");
+                             "Let go of the arm, then press the key.");
       }
       const Track track = run.watch(1);
       const std::size_t n = run.joint_count(i);
@@ -273,32 +244,14 @@ StepResult run_payload(Context& context) {
     }
     const GravityFit fit = fit_gravity(context.arm(i), samples);
     const std::string remedy =
-        "declare what the flange carries ('tool', 'load_declared', 'hand'), in the arm's web interface, too";
-    result.add({.arm = name,
-                .quantity = "payload beyond the declared one",
-                .value = std::abs(fit.mass_kg),
-                .unit = "kg",
-                .limit = kPayload_kg,
-                .found = fit.text(),
-                .remedy = remedy});
-    result.add({.arm = name,
-                .quantity = "torque at rest in three poses, measured against the scene's",
-                .value = fit.largest_nm,
-                .unit = "N m",
-                .limit = kPayloadTorque,
-                .found = fmt::format("at joint {}, {}", fit.joint + 1, fit.text()),
-                .remedy = remedy});
-    result.add({.arm = name,
-                .quantity = "external torque at rest, by the arm",
-                .value = external,
-                .unit = "N m",
-                .limit = kPayloadTorque,
-                .remedy = remedy});
-    result.readings.push_back({.arm = name,
-                               .quantity = "tilt of the base against the scene",
-                               .value = 180 / M_PI * fit.tilt_rad,
-                               .unit = "degrees",
-                               .limit = kShown});
+        "declare everything on the flange ('tool', 'load_declared', 'hand'), also in the arm's web interface";
+    result.at_most(name, "payload beyond the declared one", std::abs(fit.mass_kg), "kg", kPayload_kg, remedy,
+                   fit.text());
+    result.at_most(name, "torque at rest in three poses: measured compared with scene", fit.largest_nm, "N m",
+                   kPayloadTorque, remedy, fmt::format("at joint {}, {}", fit.joint + 1, fit.text()));
+    result.at_most(name, "external torque at rest, as estimated by the arm", external, "N m", kPayloadTorque,
+                   remedy);
+    result.show(name, "tilt of the base against the scene", 180 / M_PI * fit.tilt_rad, "degrees");
   }
   return result;
 }
@@ -311,26 +264,26 @@ void add_steps_in_hold(std::vector<Step>& steps, const TourSetup& setup) {
   steps.push_back(
       {"hold", "Hold: torque control begins",
        fmt::format(
-           "{} should stay in place, and yield softly when pushed. Stand clear, user stop in your hand. "
+           "{} should stay in place and yield softly when pushed. Stand clear, user stop in your hand. "
            "No-go: a flange that moves more than {:.0f} mm or a joint more than {:g} rad in 2 s. From here "
            "on {} in hold between the steps.",
            all, 1e3 * kHoldDrift_m, kHoldDrift_rad, one ? "it is" : "they are"),
        true, true, run_hold});
   steps.push_back(
       {"button", "User stop and recovery",
-       fmt::format("You press and release the user stop of each arm, one after the other; then it holds "
-                   "again. No-go: a button that is not seen within {:g} s or stops another arm, or a "
+       fmt::format("You press and release the user stop of each arm in turn; then it holds again. No-go: a "
+                   "button that is not seen within {:g} s or stops another arm, or a "
                    "joint that moves by {:g} rad.",
                    kButtonWait_s, kHoldDrift_rad),
        true, true, run_button});
   steps.push_back({"guiding", "Hand guiding",
-                   fmt::format("You lead each arm by hand, one after the other. The arm adds no motion of "
-                               "its own. No-go: it drifts more than {:.0f} mm when you let go.",
+                   fmt::format("You guide each arm by hand in turn. The arm does not move by itself. No-go: "
+                               "it drifts more than {:.0f} mm when you let go.",
                                1e3 * kGuideDrift_m),
                    true, false, run_guiding});
   steps.push_back({"payload", "Payload, in three poses",
-                   fmt::format("You lead each arm to two more poses. No-go: more than {:g} kg or {:g} N m "
-                               "beyond what is declared.",
+                   fmt::format("You guide each arm to two more poses. No-go: more than {:g} kg or {:g} N m "
+                               "beyond the declared load.",
                                kPayload_kg, kPayloadTorque),
                    true, false, run_payload});
 }

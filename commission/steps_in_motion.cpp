@@ -8,7 +8,7 @@
 #include "commission/measures.hpp"
 #include "commission/tour.hpp"
 
-// The arms move by themselves: one at a time, a little, slowly; the others stay in hold.
+// The arms move by themselves, in turn, slowly and by small amounts; the others stay in hold.
 namespace multipanda::commission {
 namespace {
 
@@ -24,7 +24,7 @@ StepResult run_joint_motion(Context& context) {
   for (ArmIndex i = 0; i < context.arm_count(); ++i) {
     const std::string& name = context.arm(i).name;
     ready(context, "joint_motion", i,
-          fmt::format("turns each joint, one after the other, by {:.1f} degrees and back, at {:.1f} degrees "
+          fmt::format("turns each joint in sequence by {:.1f} degrees and back, at {:.1f} degrees "
                       "per second at most; the hand moves up to {:.0f} cm. About {:.0f} s.",
                       180 / M_PI * kJointStep_rad, 180 / M_PI * kJointSpeed, 100 * kJointStep_rad * 0.9,
                       joint_motion_seconds(context.run->joint_count(i))));
@@ -32,32 +32,16 @@ StepResult run_joint_motion(Context& context) {
     result.measured[name] = {{"joints", figures.curves},
                              {"friction_nm", list(figures.friction_nm)},
                              {"error_rad", list(figures.error_rad)}};
-    result.add(
-        {.arm = name,
-         .quantity = "joint motion in the requested direction, least",
-         .value = figures.moved_rad.minCoeff(),
-         .unit = "rad",
-         .limit = kJointStep_rad - kJointError_rad,
-         .at_least = true,
-         .remedy = "friction is too high, or a joint is locked or hindered; look at the curves of the page"});
-    result.add({.arm = name,
-                .quantity = "joint error at the end of the way",
-                .value = figures.error_rad.maxCoeff(),
-                .unit = "rad",
-                .limit = kJointError_rad,
-                .remedy = "look for friction or an obstacle; compare with the twin on the page"});
-    result.add({.arm = name,
-                .quantity = "motion of a joint that should rest",
-                .value = figures.others_rad,
-                .unit = "rad",
-                .limit = kOtherJoint_rad,
-                .remedy = "compare the model with the arm's ('identify')"});
-    result.add({.arm = name,
-                .quantity = "friction, worst joint",
-                .value = figures.friction_nm.cwiseAbs().maxCoeff(),
-                .unit = "N m",
-                .limit = kFriction_nm,
-                .remedy = "let the arm warm up and repeat; if it stays, ask the manufacturer"});
+    result.at_least(name, "smallest joint motion in the requested direction", figures.moved_rad.minCoeff(),
+                    "rad", kJointStep_rad - kJointError_rad,
+                    "friction is too high, or a joint is locked or hindered; look at the curves of the page");
+    result.at_most(name, "joint error at the end of the motion", figures.error_rad.maxCoeff(), "rad",
+                   kJointError_rad, "look for friction or an obstacle; compare with the twin on the page");
+    result.at_most(name, "motion of a joint that should not move", figures.others_rad, "rad", kOtherJoint_rad,
+                   "compare the model with the arm's ('identify')");
+    result.at_most(name, "largest joint friction", figures.friction_nm.cwiseAbs().maxCoeff(), "N m",
+                   kFriction_nm,
+                   "let the arm warm up and repeat; if friction stays high, ask the manufacturer");
     if (result.verdict == Verdict::no_go) break;
   }
   return result;
@@ -73,22 +57,15 @@ StepResult run_cartesian_motion(Context& context) {
                       100 * kCartesianStep_m, 100 * kCartesianSpeed));
     const auto figures = measure_cartesian_motion(*context.run, i);
     result.measured[name] = {{"hand", figures.curves}, {"error_m", figures.error_m}};
-    result.add({.arm = name,
-                .quantity = "hand off its goal",
-                .value = 1e3 * figures.error_m,
-                .unit = "mm",
-                .limit = 1e3 * kCartesianError_m,
-                .remedy = "look for friction or an obstacle; compare with the twin on the page"});
-    result.add({.arm = name,
-                .quantity = "hand turned off its goal",
-                .value = figures.error_rad,
-                .unit = "rad",
-                .limit = kCartesianError_rad,
-                .remedy = "as above"});
-    // A base that is turned about the vertical shows in no torque: only a person sees it.
+    result.at_most(name, "distance of the hand from its goal", 1e3 * figures.error_m, "mm",
+                   1e3 * kCartesianError_m,
+                   "look for friction or an obstacle; compare with the twin on the page");
+    result.at_most(name, "rotation of the hand from its goal", figures.error_rad, "rad", kCartesianError_rad,
+                   "as above");
+    // Torques do not show a base that is turned about the vertical: only a person can see it.
     if (!context.person.yes("cartesian_motion." + name + ".direction",
-                            fmt::format("Did the hand of arm '{}' go first up, then along the world's x, "
-                                        "then along the world's y, as the scene places the base?",
+                            fmt::format("Did the hand of arm '{}' move first up, then along the world's x, "
+                                        "then along the world's y, according to the base in the scene?",
                                         name))) {
       result.fail(fmt::format("arm '{}' moved along other directions than the scene's x and y", name),
                   "the directions of the scene",
@@ -105,23 +82,15 @@ StepResult run_stop(Context& context) {
   for (ArmIndex i = 0; i < context.arm_count(); ++i) {
     const std::string& name = context.arm(i).name;
     ready(context, "stop", i,
-          fmt::format("turns joint 1 by up to {:.1f} degrees, at {:.1f} degrees per second at most, and is "
-                      "stopped on the way by this program.",
+          fmt::format("turns joint 1 by up to {:.1f} degrees, at {:.1f} degrees per second at most, and this "
+                      "program stops it on the way.",
                       180 / M_PI * kStopStep_rad, 180 / M_PI * kStopSpeed));
     const auto figures = measure_stop(run, i);
     result.measured[name] = {{"stop_s", figures.time_s}, {"stop_rad", figures.angle_rad}};
-    result.add({.arm = name,
-                .quantity = "time to rest after a stop",
-                .value = figures.time_s,
-                .unit = "s",
-                .limit = kStopTime_s,
-                .remedy = "do not go on: the stop of the program is too slow"});
-    result.add({.arm = name,
-                .quantity = "angle turned after a stop",
-                .value = figures.angle_rad,
-                .unit = "rad",
-                .limit = kStopAngle_rad,
-                .remedy = "do not go on: the stop of the program is too slow"});
+    result.at_most(name, "time to rest after a stop", figures.time_s, "s", kStopTime_s,
+                   "do not continue: the program's stop is too slow");
+    result.at_most(name, "angle turned after a stop", figures.angle_rad, "rad", kStopAngle_rad,
+                   "do not continue: the program's stop is too slow");
     if (result.verdict == Verdict::no_go) break;
   }
   return result;
@@ -132,42 +101,23 @@ StepResult run_delay(Context& context) {
   for (ArmIndex i = 0; i < context.arm_count(); ++i) {
     const std::string& name = context.arm(i).name;
     ready(context, "delay", i,
-          fmt::format("swings joint 4 by {:.2f} degrees, {:.0f} times a second, for 2 s, then by half of it "
-                      "twice as fast: the hand trembles by about {:.0f} mm.",
+          fmt::format("swings joint 4 by {:.2f} degrees, {:.0f} times a second, for 2 s, then half as far "
+                      "and twice as fast: the hand moves by about {:.0f} mm.",
                       180 / M_PI * kWiggle_rad, 1 / kWigglePeriod_s, 1e3 * kWiggle_rad * 0.6));
     const auto figures = measure_delay(*context.run, i);
     result.measured[name] = {{"torque_delay_s", figures.torque_delay_s}};
-    result.add({.arm = name,
-                .quantity = "delay from command to measured torque",
-                .value = 1e3 * figures.torque_delay_s,
-                .unit = "ms",
-                .limit = 1e3 * kTorqueDelay_s,
-                .remedy = "see network and doctor: no other program between this computer and the arm"});
-    result.add({.arm = name,
-                .quantity = "share of the torque that this delay explains",
-                .value = figures.fit,
-                .unit = "",
-                .limit = 0.5,
-                .at_least = true,
-                .remedy = "the delay could not be measured, or it is 19 ms or more: see network and doctor"});
+    result.at_most(
+        name, "delay from command to measured torque", 1e3 * figures.torque_delay_s, "ms",
+        1e3 * kTorqueDelay_s,
+        "check the steps on network and doctor, and end other programs that use the connection to the arm");
+    result.at_least(name, "share of the torque explained by this delay", figures.fit, "", 0.5,
+                    "the delay could not be measured, or it is 19 ms or more: see network and doctor");
     if (const auto connection = context.run->connection(i)) {
-      result.add({.arm = name,
-                  .quantity = "commands in time, by the arm",
-                  .value = connection->command_success_rate,
-                  .unit = "",
-                  .limit = context.virtual_arms() ? kSuccessRateVirtual : kSuccessRate,
-                  .at_least = true,
-                  .remedy = "see the doctor's line on timer wake-up, and the network"});
-      result.readings.push_back({.arm = name,
-                                 .quantity = "computing time of an answer, mean",
-                                 .value = 1e6 * connection->answer_delay_mean_s,
-                                 .unit = "us",
-                                 .limit = kShown});
-      result.readings.push_back({.arm = name,
-                                 .quantity = "states lost since the hold began",
-                                 .value = static_cast<double>(connection->lost),
-                                 .unit = "",
-                                 .limit = kShown});
+      result.at_least(name, "commands in time, by the arm", connection->command_success_rate, "",
+                      context.virtual_arms() ? kSuccessRateVirtual : kSuccessRate,
+                      "see the doctor's line on timer wake-up, and the network");
+      result.show(name, "mean computing time of an answer", 1e6 * connection->answer_delay_mean_s, "us");
+      result.show(name, "states lost since the hold began", static_cast<double>(connection->lost), "");
     }
     if (result.verdict == Verdict::no_go) break;
   }
@@ -180,28 +130,20 @@ StepResult run_noise(Context& context) {
     const std::string& name = context.arm(i).name;
     const auto figures = measure_noise(*context.run, i, 2);
     result.measured[name] = {{"noise_dq", list(figures.dq_rad_per_s)}, {"noise_tau", list(figures.tau_nm)}};
-    result.add({.arm = name,
-                .quantity = "noise of a velocity, worst joint, rms",
-                .value = figures.dq_rad_per_s.maxCoeff(),
-                .unit = "rad/s",
-                .limit = kNoiseVelocity,
-                .remedy = "the arm trembles in hold: look for a loose mounting or a soft table"});
-    result.add({.arm = name,
-                .quantity = "noise of a torque, worst joint, rms",
-                .value = figures.tau_nm.maxCoeff(),
-                .unit = "N m",
-                .limit = kNoiseTorque,
-                .remedy = "the arm trembles in hold: look for a loose mounting or a soft table"});
+    result.at_most(name, "rms velocity noise, worst joint", figures.dq_rad_per_s.maxCoeff(), "rad/s",
+                   kNoiseVelocity, "the arm vibrates in hold: look for a loose mounting or a soft table");
+    result.at_most(name, "rms torque noise, worst joint", figures.tau_nm.maxCoeff(), "N m", kNoiseTorque,
+                   "the arm vibrates in hold: look for a loose mounting or a soft table");
   }
   return result;
 }
 
-// The change of the estimated force when a known weight hangs at the hand. It pulls down, the arm up.
+// Change of the estimated force when a known weight hangs at the hand: it pulls down, the arm pulls up.
 StepResult run_weight(Context& context) {
   StepResult result;
   ArmsRun& run = *context.run;
   const auto mean_force = [&](ArmIndex arm) {
-    (void)run.watch(1.5);  // the hold's spring comes to rest
+    (void)run.watch(1.5);  // lets the hold's spring settle
     const Track track = run.watch(1);
     Vector3 sum = Vector3::Zero();
     for (const auto& sample : track.arms[arm])
@@ -213,7 +155,7 @@ StepResult run_weight(Context& context) {
     const double kg =
         context.person.number("weight." + name,
                               fmt::format("Mass of the weight that you will hang at the hand of arm '{}' "
-                                          "[kg], 0.2 to 1.5; 0: none, the force is not checked",
+                                          "[kg], 0.2 to 1.5; 0: none, forces are not checked",
                                           name),
                               0, 1.5);
     if (kg < 0.2) {
@@ -221,26 +163,25 @@ StepResult run_weight(Context& context) {
       if (result.verdict == Verdict::go) result.verdict = Verdict::skipped;
       continue;
     }
-    context.person.ready("weight." + name + ".without", "Nothing at the hand, hands off; then this key.");
+    context.person.ready("weight." + name + ".without",
+                         "Nothing at the hand, hands off; then press the key.");
     const Vector3 before = mean_force(i);
-    context.person.ready("weight." + name + ".with",
-                         "Hang the weight at the hand, let it come to rest, hands off; then this key. The "
-                         "hand sinks by a few millimeters.");
+    context.person.ready(
+        "weight." + name + ".with",
+        "Hang the weight at the hand, let it come to rest, hands off; then press the key. The "
+        "hand sinks by a few millimeters.");
     const Vector3 change = mean_force(i) - before;
     const double expected = 9.81 * kg, most = std::max(kWeightForce, kWeightShare * expected);
     const std::string found =
         fmt::format("the estimate changed by [{:.1f}, {:.1f}, {:.1f}] N, expected [0, 0, {:.1f}] N",
                     change.x(), change.y(), change.z(), expected);
     result.measured[name] = {{"weight_kg", kg}, {"force_n", {change.x(), change.y(), change.z()}}};
-    result.add({.arm = name,
-                .quantity = fmt::format("force of {:g} kg, error", kg),
-                .value = (change - Vector3(0, 0, expected)).norm(),
-                .unit = "N",
-                .limit = most,
-                .found = found,
-                .remedy = "repeat with a weight that rests; then the payload step, and 'identify'; do not "
-                          "use force control before"});
-    context.person.ready("weight." + name + ".off", "Take the weight off; then this key.");
+    result.at_most(name, fmt::format("error of the force of {:g} kg", kg),
+                   (change - Vector3(0, 0, expected)).norm(), "N", most,
+                   "repeat with the weight at rest; if it fails again, repeat the payload step or run "
+                   "'identify'; do not use force control until then",
+                   found);
+    context.person.ready("weight." + name + ".off", "Take the weight off; then press the key.");
     if (result.verdict == Verdict::no_go) break;
   }
   return result;
@@ -249,7 +190,7 @@ StepResult run_weight(Context& context) {
 }  // namespace
 
 void add_steps_in_motion(std::vector<Step>& steps, const TourSetup& setup) {
-  const std::string each = setup.scene.arms.size() == 1 ? "The arm" : "One arm after the other";
+  const std::string each = setup.scene.arms.size() == 1 ? "The arm" : "One arm at a time";
   const auto per_arm = [&](const std::string& what) {
     return each + " " + what + "; you are asked again before each motion.";
   };
@@ -268,16 +209,17 @@ void add_steps_in_motion(std::vector<Step>& steps, const TourSetup& setup) {
                                        "{:g} s or {:g} rad until it rests",
                                        kStopTime_s, kStopAngle_rad)),
                    true, false, run_stop});
-  steps.push_back({"delay", "Delay",
-                   per_arm(fmt::format("swings joint 4 by a few millimeters at the hand. No-go: more than "
-                                       "{:g} ms, or too few commands in time",
-                                       1e3 * kTorqueDelay_s)),
-                   true, false, run_delay});
+  steps.push_back(
+      {"delay", "Delay",
+       per_arm(fmt::format("swings joint 4 so that the hand moves by a few millimeters. No-go: more than "
+                           "{:g} ms, or too few commands in time",
+                           1e3 * kTorqueDelay_s)),
+       true, false, run_delay});
   steps.push_back({"noise", "Noise in hold",
                    fmt::format("Nothing moves, hands off. No-go: more than {:g} rad/s or {:g} N m (rms).",
                                kNoiseVelocity, kNoiseTorque),
                    false, false, run_noise});
-  steps.push_back({"weight", "Forces against a known weight",
+  steps.push_back({"weight", "Forces of a known weight",
                    fmt::format("Nothing moves by itself. You hang a known weight at each hand. No-go: an "
                                "error above {:g} N or {:g} %, whichever is larger.",
                                kWeightForce, 100 * kWeightShare),

@@ -7,8 +7,9 @@
 
 #include <fmt/format.h>
 
+#include "commission/measures.hpp"
+#include "common/machine.hpp"
 #include "report/page_script.hpp"
-#include "support/address.hpp"
 
 namespace multipanda::commission {
 namespace {
@@ -39,7 +40,7 @@ bool Context::virtual_arms() const {
 }
 
 void Context::check_stopped() const {
-  if (stopped && stopped()) throw Ended("stopped on request");
+  if (stopped && stopped()) throw Person::Ended("stopped on request");
 }
 
 std::vector<Step> steps_of(const TourSetup& setup) {
@@ -67,9 +68,10 @@ void write_state(const std::filesystem::path& folder, const Json& state) {
   {
     std::ofstream out(part);
     out << state.dump(1) << '\n';
-    if (!out.flush()) throw std::runtime_error("cannot write " + part.string() + ": is the disk full?");
+    if (!out.flush())
+      throw std::runtime_error("cannot write " + part.string() + ": check the free disk space");
   }
-  std::filesystem::rename(part, file);  // a killed tour leaves the former state or this one
+  std::filesystem::rename(part, file);  // a killed tour leaves the previous or this state
 }
 
 TourEnd run_tour(Context& context, Json state, const std::function<void(const Step&, const Json&)>& show) {
@@ -87,7 +89,7 @@ TourEnd run_tour(Context& context, Json state, const std::function<void(const St
       context.person.ready(step.id, question(step, k + 1, steps.size()));
       result = step.run(context);
       if (context.run) context.run->check();
-    } catch (const Ended& person) {
+    } catch (const Person::Ended& person) {
       ended = person.what();
     } catch (const ArmLeft& left) {
       result = failed(left.what(), "see docs/errors.md for the cause; free the arm, then resume the tour");
@@ -95,7 +97,7 @@ TourEnd run_tour(Context& context, Json state, const std::function<void(const St
       result = failed(error.what(), "remove the cause, then resume the tour");
     }
     if (ended.empty() && context.stopped && context.stopped()) ended = "stopped on request";
-    // An exception may leave an arm soft: it is held before anything is written.
+    // An exception may leave an arm compliant: hold it before anything is written.
     if (context.run && (!ended.empty() || result.verdict == Verdict::no_go)) context.run->halt();
     if (!ended.empty()) {
       end = {.verdict = Verdict::skipped, .step = step.id, .state = {}};
@@ -106,7 +108,7 @@ TourEnd run_tour(Context& context, Json state, const std::function<void(const St
     json["title"] = step.title;
     json["about"] = step.about;
     json["at"] = time_text();
-    // What an earlier tour found in a step that is repeated stays, as long as the step finds nothing new.
+    // Findings of an earlier tour are kept in a repeated step unless the step finds something new.
     if (!json.contains("measured") && before != nullptr && before->contains("measured"))
       json["measured"] = (*before)["measured"];
     state["steps"][step.id] = json;
@@ -120,6 +122,51 @@ TourEnd run_tour(Context& context, Json state, const std::function<void(const St
   write_state(context.setup.folder, state);
   end.state = std::move(state);
   return end;
+}
+
+// One arm at a time, each from its start in the tour; other arms and objects of the scene are present.
+void measure_twin(const TourSetup& setup, const Registry& registry, Json& state) {
+  const Json& steps = state["steps"];
+  const auto done = [&](const char* step, const std::string& arm) {
+    return steps.contains(step) && steps[step].contains("measured") && steps[step]["measured"].contains(arm);
+  };
+  Scene scene = setup.scene;
+  for (auto& arm : scene.arms) {
+    arm.fci.reset();
+    if (!done("gravity", arm.name)) continue;
+    const auto q = steps["gravity"]["measured"][arm.name]["q"].get<std::vector<double>>();
+    arm.q_start = Eigen::Map<const Eigen::VectorXd>(q.data(), static_cast<Eigen::Index>(q.size()));
+  }
+  ArmsRun run(commission_scene(scene), registry, {.kind = BackendKind::mujoco}, false);
+  run.start();
+  Json twin = Json::object();
+  for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
+    const std::string& name = scene.arms[i].name;
+    Json& json = twin[name];
+    json = Json::object();
+    if (done("joint_motion", name)) {
+      const auto figures = measure_joint_motion(run, i);
+      json.update({{"joints", figures.curves},
+                   {"friction_nm", list(figures.friction_nm)},
+                   {"error_rad", list(figures.error_rad)}});
+    }
+    if (done("cartesian_motion", name)) {
+      const auto figures = measure_cartesian_motion(run, i);
+      json.update({{"hand", figures.curves}, {"error_m", figures.error_m}});
+    }
+    if (done("stop", name)) {
+      const auto figures = measure_stop(run, i);
+      json.update({{"stop_s", figures.time_s}, {"stop_rad", figures.angle_rad}});
+    }
+    if (done("delay", name)) json["torque_delay_s"] = measure_delay(run, i).torque_delay_s;
+    if (done("noise", name)) {
+      const auto figures = measure_noise(run, i, 2);
+      json.update({{"noise_dq", list(figures.dq_rad_per_s)}, {"noise_tau", list(figures.tau_nm)}});
+    }
+  }
+  run.end();
+  state["twin"] = twin;
+  state["twin_plant"] = scene.plant.name;
 }
 
 std::filesystem::path make_page(const std::filesystem::path& folder) {

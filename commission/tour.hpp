@@ -9,13 +9,13 @@
 
 #include "commission/arms_run.hpp"
 #include "commission/findings.hpp"
-#include "commission/person.hpp"
+#include "common/person.hpp"
 #include "core/modes/registry.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda::commission {
 
-// The arms of a tour, and how it measures.
+// The arms of a tour and its settings.
 struct TourSetup {
   Scene scene;                         // with the arms' addresses (SceneArm::fci)
   std::string scene_name;              // as given: "two_arms", or a path
@@ -25,27 +25,27 @@ struct TourSetup {
   bool paced = true;                   // false: virtual arms in lock-step, as fast as they run
 };
 
-// What a step may use.
+// Context of a step.
 struct Context {
   const TourSetup& setup;
   Person& person;
   const Registry& registry;
-  std::function<void(const std::string&)> say;  // a line for the person
+  std::function<void(const std::string&)> say;  // shows a line to the person
   std::function<bool()> stopped;                // Ctrl-C; any thread
   std::unique_ptr<ArmsRun> run;                 // from the step `hold` on
 
   const SceneArm& arm(ArmIndex i) const { return setup.scene.arms[i]; }
   std::size_t arm_count() const { return setup.scene.arms.size(); }
   bool virtual_arms() const;   // all addresses are of this computer
-  void check_stopped() const;  // throws Ended
+  void check_stopped() const;  // throws Person::Ended
 };
 
-// One step: what it will do is said before, its limits are in limits.hpp.
+// One step, announced before it begins; its limits are in limits.hpp.
 struct Step {
   std::string id, title;
   std::string about;   // what will move, how far and how fast; what the person does
-  bool moves = false;  // an arm is moved, by itself or by the person
-  // Repeated in a resumed tour: what it makes sure of may have changed, or it begins the hold.
+  bool moves = false;  // the step moves an arm, by itself or by the person
+  // Repeated in a resumed tour, because its result may have changed or because it begins the hold.
   bool every_time = false;
   std::function<StepResult(Context&)> run;
 };
@@ -65,12 +65,12 @@ struct TourEnd {
 
 // Runs the steps that `state` does not have yet, each after the person's key, and writes commission.json
 // after each. A no-go, the person's end, or an arm that left its control ends the tour: no later step runs.
-// The arms are in hold between the steps; at the end they hold themselves. `show`: results as they come.
+// The arms are in hold between the steps; at the end they hold themselves. `show`: called with each result.
 TourEnd run_tour(Context& context, Json state, const std::function<void(const Step&, const Json&)>& show);
 
-// The state of a tour that has not begun.
+// The initial state of a tour.
 Json new_state(const TourSetup& setup);
-// The same measurements on the scene's simulated arms, from where the arms were: the page lays them beside.
+// The same measurements on the scene's simulated arms, from the arms' positions, for comparison on the page.
 // Adds "twin" to the state. Throws ArmLeft.
 void measure_twin(const TourSetup& setup, const Registry& registry, Json& state);
 // commission.html from the state; throws std::runtime_error.

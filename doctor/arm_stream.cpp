@@ -2,14 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
+#include <exception>
 #include <poll.h>
 #include <thread>
 
 #include <fmt/format.h>
 
+#include "arm_interface/arm_error.hpp"
 #include "core/rt/thread_setup.hpp"
-#include "device/arm_error.hpp"
-#include "doctor/timer.hpp"
+#include "doctor/finding.hpp"
+#include "doctor/timing.hpp"
 #include "fci/client/arm_connection.hpp"
 #include "fci/wire/error_flags.hpp"
 
@@ -40,6 +42,67 @@ void listen(fci::ArmConnection& link, double seconds, ArmStreamReading& reading)
   }
   reading.seconds = multipanda::seconds(host_now() - begin);
   reading.outdated = std::min(reading.lost, link.statistics().superseded - outdated);
+}
+
+constexpr std::uint64_t kWindowFull = 500;  // periods after which the arm's success rate is complete
+constexpr double kSilence_s = 1;
+
+double microseconds_between(HostTime from, HostTime to) {
+  return static_cast<double>((to - from).count()) * 1e-3;
+}
+
+bool is_moving(const fci::RobotState& state) {
+  return fci::mode_name(static_cast<std::uint8_t>(state.robot_mode)) == "move";
+}
+
+// Runs until the time is over, a stop is requested, or the arm leaves its motion.
+void answer_states(fci::ArmConnection& link, const std::function<bool()>& keep_on,
+                   CommunicationReading& reading) {
+  const auto periods = static_cast<std::uint64_t>(reading.asked_s * 1000);
+  fci::RobotCommand command{};  // zero torque
+  const std::uint64_t first = link.last_state().message_id;
+  std::uint64_t before = first;
+  HostTime arrived{};
+  while (keep_on()) {
+    pollfd waiting{link.udp_file(), POLLIN, 0};
+    const timespec patience{static_cast<time_t>(kSilence_s), 0};
+    if (ppoll(&waiting, 1, &patience, nullptr) <= 0) {
+      reading.ended = fmt::format("no state received for {:g} s", kSilence_s);
+      return;
+    }
+    if (!link.receive()) continue;
+    const fci::RobotState& state = link.newest();
+    const std::uint64_t lost = state.message_id - before - 1;
+    reading.lost += lost;
+    reading.lost_in_row = std::max(reading.lost_in_row, lost);
+    reading.periods = state.message_id - first;
+    before = state.message_id;
+    if (!is_moving(state)) {
+      reading.errors = error_names(fci::error_bits(state.errors));
+      reading.ended =
+          fmt::format("the arm stopped itself: {}",
+                      reading.errors.empty()
+                          ? std::string("mode ") +
+                                std::string(fci::mode_name(static_cast<std::uint8_t>(state.robot_mode)))
+                          : reading.errors);
+      return;
+    }
+    if (link.send(command)) {
+      ++reading.answered;
+    } else {
+      ++reading.not_sent;
+    }
+    reading.answer_us.push_back(microseconds_between(link.received_at(), host_now()));
+    if (arrived != HostTime{}) reading.cycle_us.push_back(microseconds_between(arrived, link.received_at()));
+    arrived = link.received_at();
+    if (reading.periods > kWindowFull) {
+      reading.success_min = std::min(reading.success_min, state.control_command_success_rate);
+      reading.success_sum += state.control_command_success_rate;
+      ++reading.success_count;
+    }
+    if (reading.periods >= periods) return;
+  }
+  reading.ended = "stopped on request";
 }
 
 }  // namespace
@@ -162,6 +225,130 @@ Finding judge_state_stream(const ArmStreamReading& reading, Purpose purpose) {
                   100 * lost, 100 * irregular, kAnswerLimit_us);
   finding.cure = "if wake-ups above are late, fix those first; otherwise check cable, switch and card";
   return finding;
+}
+
+CommunicationReading run_communication_test(const std::string& address, double seconds,
+                                            const std::function<bool()>& keep_on) {
+  CommunicationReading reading;
+  reading.address = address;
+  reading.asked_s = seconds;
+  const auto room = static_cast<std::size_t>(seconds * 1000) + 16;
+  reading.cycle_us.reserve(room);
+  reading.answer_us.reserve(room);
+  fci::ArmConnection link({.address = address});
+  link.connect();
+  reading.version = link.version();
+  std::exception_ptr failure;
+  // All on one thread: the start waits for states, and a running motion waits for torques.
+  std::thread([&] {
+    (void)set_up_thread({});
+    try {
+      link.start_motion({.controller = ArmController::external, .generator = MotionGenerator::none});
+      link.wait_until_running();
+    } catch (...) {
+      failure = std::current_exception();
+      return;
+    }
+    try {
+      answer_states(link, keep_on, reading);
+      if (reading.errors.empty()) (void)link.finish({});
+    } catch (const std::exception& error) {
+      if (reading.ended.empty()) reading.ended = error.what();
+    }
+  }).join();
+  if (failure) std::rethrow_exception(failure);
+  return reading;
+}
+
+std::vector<Finding> judge_communication(const CommunicationReading& reading, Purpose purpose) {
+  std::vector<Finding> findings;
+  Finding run{.id = "torque_control", .subject = "torque control"};
+  run.measured =
+      fmt::format("{} of {:.0f} periods with zero torque, protocol version {} ({})", reading.periods,
+                  1000 * reading.asked_s, reading.version, arms_of_version(reading.version));
+  run.figures = {{"periods", static_cast<double>(reading.periods), ""},
+                 {"answered", static_cast<double>(reading.answered), ""},
+                 {"not_sent", static_cast<double>(reading.not_sent), ""}};
+  run.judged = Judgment::ok;
+  if (!reading.ended.empty()) {
+    run.judged = Judgment::bad;
+    run.measured += "; ended early";
+    run.cause = reading.ended;
+    const bool late = reading.errors.find("communication_constraints_violation") != std::string::npos;
+    run.cure = late
+                   ? fmt::format("run 'multipanda doctor {}' and fix what it reports; then recover the arm",
+                                 reading.address)
+                   : "see the remedy for the error in docs/errors.md; recover the arm and run the test again";
+  }
+  findings.push_back(run);
+
+  Finding rate{.id = "success_rate", .subject = "success rate"};
+  if (reading.success_count == 0) {
+    rate.measured = "not measured";
+    rate.cause = fmt::format("the test ended before {} periods", kWindowFull);
+  } else {
+    const double average = reading.success_average();
+    rate.measured =
+        fmt::format("average {:.4f}, minimum {:.2f} (counted by the arm over its last 100 periods)", average,
+                    reading.success_min);
+    rate.figures = {{"average", average, ""}, {"minimum", reading.success_min, ""}};
+    rate.judged = Judgment::ok;
+    if (average < 0.9)
+      rate.judged = Judgment::bad;
+    else if (average < 0.99 || reading.success_min < 0.9)
+      rate.judged = Judgment::warning;
+    if (rate.judged != Judgment::ok) {
+      rate.cause = "torques did not reach the arm within their period";
+      rate.cure = fmt::format(
+          "'multipanda doctor {}' shows which part is late: this computer, its network, the connection",
+          reading.address);
+    }
+  }
+  findings.push_back(rate);
+
+  Finding lost{.id = "states_lost", .subject = "states lost"};
+  lost.measured = fmt::format("{} of {}, at most {} in a row (an arm stops after {} in a row)", reading.lost,
+                              reading.periods, reading.lost_in_row, kLostInRowLimit);
+  lost.figures = {{"lost", static_cast<double>(reading.lost), "packets"},
+                  {"lost_in_row", static_cast<double>(reading.lost_in_row), "packets"}};
+  const double share =
+      static_cast<double>(reading.lost) / static_cast<double>(std::max<std::uint64_t>(1, reading.periods));
+  lost.judged = Judgment::ok;
+  if (reading.lost_in_row >= kLostInRowLimit || share > 0.01)
+    lost.judged = defect(purpose);
+  else if (reading.lost > 0)
+    lost.judged = Judgment::warning;
+  if (lost.judged != Judgment::ok) {
+    lost.cause = "states were lost on the way, or a newer one had arrived before this computer woke";
+    lost.cure = fmt::format("see the lines on timer wake-up and round trip of 'multipanda doctor {}'",
+                            reading.address);
+  }
+  findings.push_back(lost);
+
+  const Distribution cycles = distribution_of(reading.cycle_us), answers = distribution_of(reading.answer_us);
+  Finding time{.id = "cycle_time", .subject = "cycle time", .measured = cycles.text()};
+  time.judged = cycles.count > 0 ? Judgment::ok : Judgment::unknown;
+  if (cycles.p99 > kPeriod_us + kAnswerLimit_us) {
+    time.judged = defect(purpose);
+    time.cause = "the arm's states arrived irregularly: the network delayed them, or this computer slept";
+    time.cure = purpose == Purpose::real_arms
+                    ? fmt::format("see the lines on timer wake-up and states of 'multipanda doctor {}'",
+                                  reading.address)
+                    : "the virtual arm shares this computer: reduce the load, or use --pace lockstep";
+  }
+  time.figures = cycles.figures();
+  time.histogram = cycles.bars;
+  findings.push_back(time);
+  Finding answer{.id = "answer_time", .subject = "time to answer", .measured = answers.text()};
+  answer.judged = answers.count > 0 ? Judgment::ok : Judgment::unknown;
+  answer.figures = answers.figures();
+  if (answers.p999 > kAnswerLimit_us) {
+    answer.judged = defect(purpose);
+    answer.cause = "the answering thread was interrupted";
+    answer.cure = "see SCHED_FIFO, load and kernel of 'multipanda doctor'";
+  }
+  findings.push_back(answer);
+  return findings;
 }
 
 }  // namespace multipanda::doctor

@@ -142,7 +142,7 @@ class Doctor(unittest.TestCase):
         with VirtualArm(where, "--pace", "realtime"):
             result = self.judged(call("doctor", where, "--seconds", 0.5, "--json"))
             found = {finding["id"]: finding for finding in result["findings"]}
-            self.assertIn("protocol version 10", found[f"arm_version:{where}"]["measured"])
+            self.assertIn("protocol version 5 (Panda)", found[f"arm_version:{where}"]["measured"])
             self.assertEqual(found[f"network_card:{where}"]["judged"], "ok")
             self.assertGreater(found[f"round_trip:{where}"]["figures"]["count"]["value"], 0)
             self.assertGreater(found[f"state_stream:{where}"]["figures"]["rate"]["value"], 0)

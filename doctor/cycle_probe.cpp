@@ -10,8 +10,8 @@
 
 #include "backends/mujoco/mujoco_backend.hpp"
 #include "core/cycle/control_cycle.hpp"
+#include "core/rt/cycle_histogram.hpp"
 #include "core/rt/guard/loop_guard.hpp"
-#include "runtime/cycle_histogram.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
@@ -40,7 +40,7 @@ nlohmann::ordered_json measure(const std::string& name, std::uint64_t cycles) {
   std::uint64_t done = 0;
   const std::uint64_t before = interruptions();
   for (; done < cycles; ++done) {
-    const ArmSet due = backend.wait();  // the step of the world is not part of the loop's cost
+    const ArmSet due = backend.wait();  // excludes the step of the world
     if (due.empty() && backend.ended()) break;
     LoopGuard::arm();
     cycle.step(due);

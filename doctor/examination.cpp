@@ -3,18 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/machine.hpp"
 #include "doctor/arm_stream.hpp"
-#include "doctor/control_cycle.hpp"
-#include "doctor/dds.hpp"
-#include "doctor/kernel.hpp"
+#include "doctor/computer.hpp"
 #include "doctor/load.hpp"
-#include "doctor/machine_kind.hpp"
-#include "doctor/network_card.hpp"
-#include "doctor/processor.hpp"
-#include "doctor/round_trip.hpp"
-#include "doctor/scheduling.hpp"
-#include "doctor/timer.hpp"
-#include "support/address.hpp"
+#include "doctor/network.hpp"
+#include "doctor/timing.hpp"
 
 namespace multipanda::doctor {
 
@@ -44,7 +38,7 @@ std::vector<Finding> examine(const ExaminationOptions& options,
   add(judge_idle_states(processor, purpose));
   add(judge_clock_source(kind, purpose));
 
-  // The load during the measurement of the timer explains its figures.
+  // Load during the timer measurement, which explains its figures.
   const LoadSample before = sample_load(files);
   const TimerReading timer = read_timer(options.seconds);
   const LoadSample after = sample_load(files);

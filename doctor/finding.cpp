@@ -2,9 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+
+#include "core/types/statistics.hpp"
 
 namespace multipanda::doctor {
 namespace {
@@ -78,6 +81,17 @@ bool is_wrong(const Finding* finding) {
   return finding != nullptr && (finding->judged == Judgment::warning || finding->judged == Judgment::bad);
 }
 
+// 1 2 5 10 ... 10000 us; the first and last bar take all smaller and larger values.
+std::vector<double> edges() {
+  std::vector<double> edges{0};
+  for (double decade = 1; decade <= 1000; decade *= 10) {
+    for (const double step : {1.0, 2.0, 5.0}) edges.push_back(step * decade);
+  }
+  edges.push_back(10000);
+  edges.push_back(std::numeric_limits<double>::infinity());
+  return edges;
+}
+
 }  // namespace
 
 std::string_view to_string(Judgment judgment) {
@@ -100,13 +114,13 @@ Judgment verdict(const std::vector<Finding>& findings) {
   return worst;
 }
 
-// A late torque has one of four causes: the computer's timers, its other programs, the connection to the arm,
-// or the controllers. A cause is named only for quantities that were measured as late.
+// A late torque has one of four causes: the computer's timers, other programs, the connection to the arm, or
+// the controllers. A cause is named only for quantities that were late.
 std::vector<std::string> blame(const std::vector<Finding>& findings) {
   std::vector<std::string> sentences;
   const auto wrong = [&](std::string_view id) { return is_wrong(find(findings, id)); };
   if (wrong("timer_wake_up")) {
-    // Strongest first; several may hold at once.
+    // Strongest first; several may apply at once.
     static constexpr std::pair<std::string_view, std::string_view> kReasons[] = {
         {"steal", "the host of this virtual machine runs other work on the processor"},
         {"sched_fifo", "the loop has no priority over other programs (no SCHED_FIFO)"},
@@ -194,6 +208,51 @@ std::vector<std::string> to_text(const Finding& finding, bool color) {
   if (!finding.cause.empty()) add_wrapped(lines, "           cause: ", finding.cause);
   if (!finding.cure.empty()) add_wrapped(lines, "           cure:  ", finding.cure);
   return lines;
+}
+
+Distribution distribution_of(std::vector<double> us) {
+  Distribution result;
+  if (us.empty()) return result;
+  result.count = us.size();
+  result.p50 = quantile(us, 0.5);
+  result.p99 = quantile(us, 0.99);
+  result.p999 = quantile(us, 0.999);
+  std::sort(us.begin(), us.end());
+  result.worst = us.back();
+  const auto steps = edges();
+  for (std::size_t i = 0; i + 1 < steps.size(); ++i) {
+    Bar bar{.from = steps[i], .to = steps[i + 1]};
+    // A negative value (a clock that steps) counts as zero.
+    const auto first = i == 0 ? us.begin() : std::lower_bound(us.begin(), us.end(), bar.from);
+    bar.count = static_cast<std::size_t>(std::lower_bound(first, us.end(), bar.to) - first);
+    result.bars.push_back(bar);
+  }
+  const auto filled = [](const Bar& bar) { return bar.count > 0; };
+  result.bars.erase(result.bars.begin(), std::find_if(result.bars.begin(), result.bars.end(), filled));
+  while (!result.bars.empty() && !filled(result.bars.back())) result.bars.pop_back();
+  return result;
+}
+
+double share_above(const std::vector<double>& us, double limit) {
+  if (us.empty()) return 0;
+  const auto above = std::count_if(us.begin(), us.end(), [limit](double value) { return value > limit; });
+  return static_cast<double>(above) / static_cast<double>(us.size());
+}
+
+std::vector<Figure> Distribution::figures() const {
+  return {{"count", static_cast<double>(count), ""},
+          {"p50", p50, "us"},
+          {"p99", p99, "us"},
+          {"p999", p999, "us"},
+          {"worst", worst, "us"}};
+}
+
+std::string Distribution::text() const {
+  const auto number = [](double us) {
+    return us < 100 ? fmt::format("{:.3g}", us) : fmt::format("{:.0f}", us);
+  };
+  return fmt::format("p50 {}, p99 {}, p99.9 {}, worst {} us", number(p50), number(p99), number(p999),
+                     number(worst));
 }
 
 }  // namespace multipanda::doctor

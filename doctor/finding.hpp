@@ -6,7 +6,7 @@
 
 namespace multipanda::doctor {
 
-// Judgment of a finding, in ascending order of weight.
+// Judgment of a finding, in ascending order of severity.
 enum class Judgment { ok, unknown, warning, bad };
 std::string_view to_string(Judgment judgment);
 
@@ -47,10 +47,25 @@ Judgment verdict(const std::vector<Finding>& findings);
 // The findings that explain late torques, strongest first, one sentence each; empty if none does.
 std::vector<std::string> blame(const std::vector<Finding>& findings);
 
-// One JSON object on one line (docs/doctor.md).
+// One JSON object on one line (docs/commission.md).
 std::string to_json(const std::vector<Finding>& findings, Purpose purpose, double seconds);
 
 // The finding as aligned human-readable lines, with colors on request.
 std::vector<std::string> to_text(const Finding& finding, bool color);
+
+// Distribution of single durations [us].
+struct Distribution {
+  std::size_t count = 0;
+  double p50 = 0, p99 = 0, p999 = 0, worst = 0;
+  std::vector<Bar> bars;  // steps of 1, 2, 5 from 1 us; from the first to the last nonempty one
+
+  std::vector<Figure> figures() const;
+  std::string text() const;  // "p50 4.1, p99 9.8, p99.9 31, worst 120 us"
+};
+
+// Nearest-rank percentile: the smallest value that a given fraction of all values does not exceed.
+Distribution distribution_of(std::vector<double> us);
+// Fraction of the values above `limit`, 0 to 1.
+double share_above(const std::vector<double>& us, double limit);
 
 }  // namespace multipanda::doctor

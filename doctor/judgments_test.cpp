@@ -8,18 +8,11 @@
 #include <nlohmann/json.hpp>
 
 #include "doctor/arm_stream.hpp"
-#include "doctor/communication_check.hpp"
-#include "doctor/control_cycle.hpp"
-#include "doctor/dds.hpp"
-#include "doctor/distribution.hpp"
-#include "doctor/kernel.hpp"
+#include "doctor/computer.hpp"
+#include "doctor/finding.hpp"
 #include "doctor/load.hpp"
-#include "doctor/machine_kind.hpp"
-#include "doctor/network_card.hpp"
-#include "doctor/processor.hpp"
-#include "doctor/round_trip.hpp"
-#include "doctor/scheduling.hpp"
-#include "doctor/timer.hpp"
+#include "doctor/network.hpp"
+#include "doctor/timing.hpp"
 
 namespace multipanda::doctor::judgments_test {
 namespace {

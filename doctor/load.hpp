@@ -25,7 +25,7 @@ struct LoadSample {
 };
 LoadSample sample_load(const SystemFiles& files);
 
-// Between two samples.
+// Difference between two samples.
 struct LoadReading {
   std::vector<double> cores;    // busy fraction of each core, 0 to 1
   std::optional<double> steal;  // fraction of all cores that the host of a virtual machine took
@@ -42,5 +42,15 @@ LoadReading load_between(const LoadSample& before, const LoadSample& after, cons
 Finding judge_load(const LoadReading& reading, Purpose purpose);
 Finding judge_isolation(const LoadReading& reading, Purpose purpose);
 Finding judge_steal(const LoadReading& reading, Purpose purpose);
+
+// Whether ROS 2 is running, and its multicast traffic.
+struct DdsReading {
+  std::vector<int> domains;        // domains whose discovery port is bound on this computer
+  std::string middleware, domain;  // RMW_IMPLEMENTATION, ROS_DOMAIN_ID; empty: not set
+  std::optional<double> multicast_in, multicast_out;  // all multicast packets per second
+};
+DdsReading read_dds(const LoadSample& before, const LoadSample& after, const SystemFiles& files);
+
+Finding judge_dds(const DdsReading& reading, Purpose purpose);
 
 }  // namespace multipanda::doctor

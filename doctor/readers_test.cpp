@@ -9,18 +9,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "doctor/control_cycle.hpp"
-#include "doctor/dds.hpp"
-#include "doctor/distribution.hpp"
+#include "doctor/computer.hpp"
 #include "doctor/examination.hpp"
-#include "doctor/kernel.hpp"
+#include "doctor/finding.hpp"
 #include "doctor/load.hpp"
-#include "doctor/machine_kind.hpp"
-#include "doctor/network_card.hpp"
-#include "doctor/processor.hpp"
-#include "doctor/round_trip.hpp"
-#include "doctor/scheduling.hpp"
-#include "doctor/timer.hpp"
+#include "doctor/network.hpp"
+#include "doctor/timing.hpp"
 
 namespace multipanda::doctor::readers_test {
 namespace {

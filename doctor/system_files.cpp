@@ -5,16 +5,9 @@
 #include <fstream>
 #include <sstream>
 
+#include "common/text.hpp"
+
 namespace multipanda::doctor {
-namespace {
-
-std::string trimmed(const std::string& text) {
-  const auto first = text.find_first_not_of(" \t\r\n");
-  if (first == std::string::npos) return {};
-  return text.substr(first, text.find_last_not_of(" \t\r\n") - first + 1);
-}
-
-}  // namespace
 
 bool SystemFiles::exists(const std::string& file) const {
   std::error_code error;
@@ -34,7 +27,7 @@ std::optional<std::string> SystemFiles::line(const std::string& file) const {
   std::ifstream stream(path(file));
   std::string line;
   if (!stream || !std::getline(stream, line)) return {};
-  return trimmed(line);
+  return std::string(trimmed(line));
 }
 
 std::optional<double> SystemFiles::number(const std::string& file) const {

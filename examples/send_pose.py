@@ -179,8 +179,8 @@ def main():
             print(f"send_pose: the stream has stopped, but {arm} is still controlled by {state['controllet']}")
             return 1
         time.sleep(0.02)
-    print(f"held: {state['last_intervention']}")
-    return 0 if state["last_intervention"] == "reference_stale" else 1
+    print(f"held: {state['removed_by']}")
+    return 0 if state["removed_by"] == "reference_stale" else 1
 
 
 if __name__ == "__main__":

@@ -8,14 +8,14 @@
 
 #include <fmt/format.h>
 
-#include "core/state/arm_mode_name.hpp"
-#include "device/arm_settings.hpp"
+#include "arm_interface/arm_settings.hpp"
+#include "common/machine.hpp"
+#include "core/state/arm_state.hpp"
+#include "experiments/motion_extent.hpp"
 #include "experiments/on_arms.hpp"
-#include "experiments/path_clearance.hpp"
 #include "runtime/motion/joint_move.hpp"
 #include "runtime/session.hpp"
 #include "scene/build.hpp"
-#include "support/address.hpp"
 
 namespace multipanda {
 namespace {
@@ -39,9 +39,10 @@ std::string bounds_text(const Scene& scene) {
     for (const auto& loosened : arm.loosened)
       text += fmt::format("\n  arm '{}', looser than the manufacturer's: {}", arm.name, loosened);
   }
-  for (const auto& law : scene.unsafer_laws) text += "\n  gives up a safeguard: " + law;
-  if (scene.lifted.empty() && scene.unsafer_laws.empty()) return text + " those for arms beside people.";
-  return text + "\n  With these bounds an arm can injure: nobody is within reach while a run lasts.";
+  for (const auto& law : scene.unsafer_laws) text += "\n  removes a safeguard: " + law;
+  if (scene.lifted.empty() && scene.unsafer_laws.empty())
+    return text + " the defaults for arms beside people.";
+  return text + "\n  With these bounds an arm can injure: keep everybody out of reach during a run.";
 }
 
 std::string modes_of(const RunStatus& status, std::size_t arm) {
@@ -72,15 +73,14 @@ ArmWatch::ArmWatch(const Scene& scene, const RecordLayout& layout,
                    nlohmann::ordered_json expected)
     : expected_(std::move(expected)), extent_(scene, models) {
   if (!expected_.is_array() || expected_.size() != scene.arms.size())
-    throw ExperimentInterrupted(
-        "it is not known how far the arms moved in simulation; begin a new experiment");
+    throw ExperimentInterrupted("the motion of the arms in simulation is unknown; begin a new experiment");
   for (const auto& arm : scene.arms) {
     const auto hold = std::ranges::find(layout.instances, arm.name + "_hold", &RecordLayout::Instance::name);
     arms_.push_back({.name = arm.name,
                      .start = arm.q_start,
                      .hold = static_cast<std::size_t>(hold - layout.instances.begin())});
   }
-  // At the end of a run all arms go to hold, and from the first event on that holds one on purpose.
+  // All arms go to hold at the end of a run, and on purpose from the first event that activates a hold.
   const auto holds_on_purpose = [](const TimelineEvent& event) {
     return event.what == TimelineEvent::What::stop || event.only || !event.deactivate.empty() ||
            std::ranges::any_of(event.activate, [](const auto& name) { return name.ends_with("_hold"); });
@@ -100,11 +100,11 @@ std::string ArmWatch::look(const CycleRecord& record) {
       arm.seen = true;
       for (Eigen::Index j = 0; j < arm.start.size(); ++j) {
         if (std::abs(sample.q[static_cast<std::size_t>(j)] - arm.start[j]) > ArmSteps::kStartError)
-          return fmt::format("arm '{}' began too far from its start; was it moved?", arm.name);
+          return fmt::format("arm '{}' was too far from its start; was it moved?", arm.name);
       }
     }
     const bool holds = sample.owner == arm.hold;
-    // Such as after states that are too old: the others would go on with their timeline.
+    // For example after states that are too old: the other arms would continue their timeline.
     if (holds && arm.controlled && record.t.seconds() < end_s_)
       return in_hold(arm.name, static_cast<ArmMode>(sample.mode));
     arm.controlled = arm.controlled || !holds;
@@ -121,7 +121,7 @@ void ArmWatch::take(const CycleRecord& record) {
 
 std::string ArmWatch::trouble(const RunStatus& status) {
   if (found_) return what_;
-  const std::string stopped = stopped_arm(status, moved_);  // first: it may be why the loop refused
+  const std::string stopped = stopped_arm(status, moved_);  // first: it may explain the loop's refusal
   return stopped.empty() ? status.refusal : stopped;
 }
 
@@ -131,9 +131,14 @@ void ArmSteps::say(const std::string& text) const {
 
 void ArmSteps::ask(const std::string& key, const std::string& text,
                    const std::function<bool()>& withdrawn) const {
-  const bool yes = options_.person->confirm(
-      {.key = key, .text = text}, [&] { return progress_.stopped() || (withdrawn && withdrawn()); });
-  if (!yes) throw ExperimentInterrupted("not confirmed: " + key);
+  options_.person->meanwhile([&] {
+    if (progress_.stopped() || (withdrawn && withdrawn())) throw Person::Ended("withdrawn: " + key);
+  });
+  try {
+    options_.person->ready(key, text);
+  } catch (const Person::Ended& ended) {
+    throw ExperimentInterrupted(ended.what());
+  }
 }
 
 void ArmSteps::check_list(const Scene& scene, std::size_t runs, double seconds) {
@@ -142,22 +147,20 @@ void ArmSteps::check_list(const Scene& scene, std::size_t runs, double seconds) 
   const bool physical = std::ranges::any_of(
       scene.arms, [](const SceneArm& arm) { return arm.fci && !is_on_this_computer(arm.fci->address); });
   mounted_ = mounted_text(scene);
-  ask("mounted", "1. What is mounted, and set in each arm's web interface, is exactly this:" + mounted_);
+  ask("mounted", "1. Equipment and settings in each arm's web interface are exactly these:" + mounted_);
   const auto objects = objects_to_place(scene);
   std::string text =
-      "2. Nobody and nothing is within reach of the arms. Objects of the scene are placed later, when it "
-      "says so:";
+      "2. Nobody and nothing is within reach of the arms. Place objects of the scene later, when asked:";
   for (const auto& object : objects) text += fmt::format(" {}", object.name);
   ask("clear", objects.empty() ? text.substr(0, text.find(" Objects")) : text);
   ask("user-stop",
-      "3. A person who watches the arms holds the user stop. It is pressed whenever somebody reaches in: "
-      "between "
-      "two runs the arms hold themselves, and only the button keeps them there.");
+      "3. A person who watches the arms holds the user stop. Press it before anybody reaches in: between two "
+      "runs the arms are held under control, and only the button keeps them from moving.");
   bounds_ = bounds_text(scene);
-  ask("bounds", "4. The scene's bounds are accepted:" + bounds_);
+  ask("bounds", "4. These bounds of the scene are accepted:" + bounds_);
   if (physical)
     ask("tried",
-        "5. This very scene has run in simulation and on virtual arms, and once on these arms with "
+        "5. This scene has run in simulation and on virtual arms, and once on these arms with "
         "`multipanda run SCENE --backend fci --reduced`.");
 }
 
@@ -165,13 +168,13 @@ void ArmSteps::check_list(const Scene& scene, std::size_t runs, double seconds) 
 void ArmSteps::confirm_set_up(const Scene& scene, const std::string& what) {
   if (const std::string mounted = mounted_text(scene); mounted != mounted_) {
     ask("mounted",
-        fmt::format("{}: what is mounted, and set, differs from the run before; it is now exactly this:{}",
+        fmt::format("{}: equipment or settings differ from the run before; they are now exactly these:{}",
                     what, mounted));
     mounted_ = mounted;
   }
   if (const std::string bounds = bounds_text(scene); bounds != bounds_) {
     ask("bounds",
-        fmt::format("{}: its bounds differ from the run before; these are accepted:{}", what, bounds));
+        fmt::format("{}: the bounds differ from the run before; these are accepted:{}", what, bounds));
     bounds_ = bounds;
   }
 }
@@ -185,16 +188,14 @@ void ArmSteps::before_run(const Scene& scene, const std::string& what, double se
     all += object.text + '\n';
     names += (names.empty() ? "" : ", ") + object.name;
   }
-  // A free object is no longer where it was placed: an arm has pushed it, or holds it.
+  // A free object is no longer at its place: an arm has pushed it, or holds it.
   const bool changed = all != placed_ || std::ranges::any_of(scene.objects, [](const SceneObject& object) {
                          return !object.fixed;
                        });
   if (changed && cleared_ && !placed_.empty())
-    ask("remove",
-        fmt::format(
-            "{}: its objects are placed again. Remove all that was placed, with the user stop pressed, and "
-            "release it again; the arms go to their start first.",
-            what));
+    ask("remove", fmt::format("{}: the objects are placed again. Press the user stop, remove all placed "
+                              "objects, and release the user stop; the arms go to their start first.",
+                              what));
   to_start(scene, changed || !cleared_, kNear);
   cleared_ = true;
   if (changed) {
@@ -205,13 +206,12 @@ void ArmSteps::before_run(const Scene& scene, const std::string& what, double se
     // With the user stop pressed an arm can be moved by hand.
     if (!objects.empty()) to_start(scene, false, JointMove::kTolerance_rad);
   }
-  ask("run", fmt::format("Run {}: {:.1f} s. In simulation it moved:\n{}\n  Expected objects: {}. Nobody is "
-                         "within reach, and the user stop is "
-                         "released, but in the hand.",
+  ask("run", fmt::format("Run {}: {:.1f} s. In simulation it moved:\n{}\n  Expected objects: {}. Confirm "
+                         "that nobody is within reach, and that the user stop is released and in your hand.",
                          what, seconds, describe_extent(extent), names.empty() ? "none" : names));
 }
 
-// In a session of its own. While the question stands, the arms are under control and stay where they are.
+// In a session of its own. While the question is open, the arms are held under control.
 void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
   Scene scene = given;
   scene.controllets.clear();
@@ -227,16 +227,17 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
     SceneArm& arm = scene.arms[i];
     moves.push_back(add_joint_move(scene, i, arm.q_start));
     const auto model = build_arm_model(arm);
-    // Arm against arm, and itself. Without shapes the feature would refuse to be on.
+    // Against other arms and the arm itself. Without shapes the feature could not be enabled.
     if (!model->self_pairs().empty())
       scene.controllets.back().features = {"collision_avoidance"};
     else
       unseen += fmt::format(
-          "\n  Arm '{}' has no collision shapes: its way is not checked, see that it is free.", arm.name);
+          "\n  Arm '{}' has no collision shapes: its path is not checked; make sure that it is free.",
+          arm.name);
     arm.collision = careful_thresholds(*model, arm.collision);
     if (arm.fci) arm.fci->keep_collision_thresholds = false;
   }
-  say("connecting to the arms; they are held where they are");
+  say("connecting to the arms; they hold their positions");
   MeasuredJoints measured(scene.arms.size());
   SessionOptions session_options{
       .paced = !options_.fast, .backend = backend_of(scene, options_.backend), .duration_s = 0.0};
@@ -250,7 +251,7 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
     const RunStatus status = session.status();
     if (trouble.empty()) trouble = stopped_arm(status, moved);
     for (std::size_t i = 0; begun && trouble.empty() && i < moves.size(); ++i) {
-      // The others would come to places on the way that nobody has checked.
+      // The others would reach positions that nobody has checked.
       const ArmStatus& arm = status.arms[moves[i].arm];
       if (arm.controllet != move_controllet(scene.arms[moves[i].arm])) trouble = in_hold(arm.arm, arm.mode);
     }
@@ -265,10 +266,10 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
   };
   const auto interrupted = [&](const std::string& why) {
     (void)end();
-    return ExperimentInterrupted("on the way to the start: " + why);
+    return ExperimentInterrupted("moving to the start: " + why);
   };
   if (!measured.wait_for_all(broken)) throw interrupted(trouble.empty() ? "stopped" : trouble);
-  // An arm that is in a reflex from before keeps that, so it was never seen moving.
+  // An arm that was already in a reflex has not been seen moving.
   RunStatus status;
   for (const double t = measured.t() + 0.3; (status = session.status()).time_s < t && !broken();)
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -276,7 +277,7 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
   for (std::size_t i = 0; i < status.arms.size(); ++i) {
     if (status.arms[i].mode != ArmMode::move)
       throw interrupted(
-          modes_of(status, i) + "; remove the cause, see that nobody is in its way, and clear it: " +
+          modes_of(status, i) + "; remove the cause, make sure that nobody is in its way, and clear it: " +
           "multipanda run SCENE --backend fci, and multipanda ctl recover " + status.arms[i].arm);
   }
   begun = true;
@@ -299,13 +300,13 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
     const PathClearance clearance = path_clearance(given, moves, !cleared);
     if (clearance.blocked(kMargin))
       throw interrupted(
-          fmt::format("on the straight way {} come as near as {:.3f} m; at least {:.2f} m are "
+          fmt::format("on the straight path the distance of {} falls to {:.3f} m; at least {:.2f} m are "
                       "expected. Guide the arms by hand nearer to their start",
                       clearance.pair, clearance.least, kMargin));
     try {
       if (options_.resume && !cleared)
-        text += "\n  Objects of the interrupted experiment may still stand there: remove them first.";
-      ask("to-start", text + unseen + "\n  Nothing may be in the way; the arms do not see it.", broken);
+        text += "\n  Objects of the interrupted experiment may still be there: remove them first.";
+      ask("to-start", text + unseen + "\n  Keep the path free: the arms do not detect obstacles.", broken);
     } catch (const ExperimentInterrupted& refused) {
       throw interrupted(trouble.empty() ? refused.what() : trouble);
     }
@@ -324,7 +325,7 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
   }
   const RunSummary summary = end();
   if (const auto faults = summary.faults(); !faults.empty())
-    throw ExperimentInterrupted("on the way to the start: " + faults.front());
+    throw ExperimentInterrupted("moving to the start: " + faults.front());
   for (const auto& move : moves) {
     const double error = (move.goal - measured.q(move)).cwiseAbs().maxCoeff();
     if (error > JointMove::kTolerance_rad)

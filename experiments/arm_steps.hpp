@@ -8,39 +8,40 @@
 #include "core/modes/registry.hpp"
 #include "experiments/kinds.hpp"
 #include "experiments/motion_extent.hpp"
-#include "experiments/person.hpp"
 #include "runtime/run_monitor.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
 
-// An experiment on arms ended before its end: the person said stop, or an arm did. What was finished stays.
+// An experiment on arms was stopped by the person or by an arm. Finished runs are kept.
 struct ExperimentInterrupted : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// The steps around the runs on arms: check-list, objects, the way to the start, the announcement of each
-// motion. Nothing moves before the person confirmed it. Every function throws ExperimentInterrupted when the
-// person stops, or an arm does not do what is expected; the arms are then held by themselves.
+// The steps around the runs on arms: check-list, objects, motion to the start, announcement of each motion.
+// Nothing moves before the person has confirmed it. Every function throws ExperimentInterrupted if the person
+// stops or an arm behaves unexpectedly; the arms then hold by themselves.
 class ArmSteps {
  public:
-  // Of joints, as a fraction of the slowest one's limit, and of the hand, on the way to the start.
+  // Speeds on the way to the start: of joints, as a fraction of the slowest joint's limit, and of the hand.
   static constexpr double kStartSpeed = 0.1, kStartHandSpeed = 0.1;  // [1], [m/s]
-  static constexpr double kStartLeast_s = 1;                         // of that way, however short
-  static constexpr double kMargin = 0.02;      // between arms and what they could hit, on that way [m]
-  static constexpr double kNear = 0.002;       // an arm this near to its start needs no motion [rad]
-  static constexpr double kStartError = 0.05;  // a run that begins farther from its start is stopped [rad]
+  static constexpr double kStartLeast_s = 1;                         // shortest duration of that motion
+  static constexpr double kMargin = 0.02;      // smallest distance between arms and obstacles during that
+                                               // motion [m]
+  static constexpr double kNear = 0.002;       // an arm closer than this to its start does not move [rad]
+  static constexpr double kStartError = 0.05;  // a run that begins farther than this from its start is
+                                               // stopped [rad]
 
   ArmSteps(const Experiment& experiment, const ExperimentOptions& options, const ExperimentProgress& progress,
            const Registry& registry)
       : experiment_(experiment), options_(options), progress_(progress), registry_(registry) {}
 
-  // `runs` on arms of `seconds` in total are about to begin; `scene` is the first.
+  // Before `runs` on arms that take `seconds` in total; `scene` is the first.
   void check_list(const Scene& scene, std::size_t runs, double seconds);
-  // Asks again what is mounted and which bounds are lifted, if that differs from the run before. Clears the
-  // place if other objects stood there, or objects that the arms have moved; moves the arms to the scene's
-  // start, has the scene's objects placed, looks whether an arm was moved meanwhile, and announces the run.
-  // `what`: "k10, repeat 1". `extent`: of the run in simulation (MotionExtent).
+  // Asks again about equipment and lifted bounds if they differ from the run before. Has objects removed that
+  // are not part of the scene or were moved by the arms; moves the arms to the scene's start, has the scene's
+  // objects placed, checks that no arm was moved meanwhile, and announces the run. `what`: "k10, repeat 1".
+  // `extent`: of the run in simulation (MotionExtent).
   void before_run(const Scene& scene, const std::string& what, double seconds,
                   const nlohmann::ordered_json& extent);
 
@@ -55,17 +56,17 @@ class ArmSteps {
   const ExperimentOptions& options_;
   const ExperimentProgress& progress_;
   const Registry& registry_;
-  std::string placed_;            // texts of the objects that stand there
+  std::string placed_;            // texts of the objects in place
   std::string mounted_, bounds_;  // texts that were confirmed
   bool cleared_ = false;
 };
 
-// Why an arm of a run does not follow it, by the newest status: "arm 'left' is in mode reflex (...)"; empty:
-// none. `moved` remembers which arms have been under control: all of them must be within the first second,
-// since the others would move alone.
+// Why an arm does not take part in its run, from the newest status: "arm 'left' is in mode reflex (...)";
+// empty: none. `moved` marks the arms that have been under control: all must be within the first second,
+// because otherwise the others would move alone.
 std::string stopped_arm(const RunStatus& status, std::vector<bool>& moved);
 
-// Watches a run on arms from beside the loop: whoever waits for its end stops all arms when one has trouble.
+// Supervises a run on arms from outside the loop: the waiting thread stops all arms if one fails.
 class ArmWatch {
  public:
   // `expected`: the extent of its simulation. Throws ExperimentInterrupted if there is none for every arm.
@@ -73,7 +74,7 @@ class ArmWatch {
            const std::vector<std::shared_ptr<const ArmModel>>& models, nlohmann::ordered_json expected);
 
   void take(const CycleRecord& record);                   // in order, one thread
-  std::string trouble(const RunStatus& status);           // another thread; empty: none
+  std::string trouble(const RunStatus& status);           // another thread; empty: no trouble
   const MotionExtent& extent() const { return extent_; }  // after the run
 
  private:
@@ -88,8 +89,8 @@ class ArmWatch {
   std::vector<Arm> arms_;
   nlohmann::ordered_json expected_;
   MotionExtent extent_;
-  double end_s_ = 0;         // no arm goes to hold before [s]
-  std::vector<bool> moved_;  // of the thread that asks
+  double end_s_ = 0;         // until then no arm may go to hold [s]
+  std::vector<bool> moved_;  // used by the calling thread
   std::string what_;         // before `found_`
   std::atomic<bool> found_{false};
 };

@@ -2,15 +2,17 @@
 
 #include <algorithm>
 #include <charconv>
+#include <fstream>
+#include <iterator>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
+#include "common/spelling.hpp"
 #include "experiments/on_arms.hpp"
 #include "experiments/task_runs.hpp"
 #include "logs/export.hpp"
 #include "logs/mcap_reader.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -18,7 +20,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-// The scene as the run had it; empty if the log has none.
+// The scene as stored in the log; empty if the log has none.
 std::string scene_in(const fs::path& log) {
   McapReader reader(log);
   (void)reader.next();  // attachments precede the first message
@@ -51,9 +53,33 @@ void add_folder(const fs::path& folder, const std::vector<const ExperimentVarian
   }
   if (logs.size() == before)
     throw std::invalid_argument(
-        fmt::format("--beside {}: it has no log of a variant that runs now, such as "
-                    "{}_{}_1.mcap",
+        fmt::format("--beside {}: it has no log of a variant of this run, such as {}_{}_1.mcap",
                     folder.string(), kMeasured, variants.front()->name));
+}
+
+// "CA-MA_2.npz": CA-MA; empty: not such a name.
+std::string condition_of(const fs::path& file) {
+  const std::string stem = file.stem().string();
+  const auto last = stem.rfind('_');
+  if (file.extension() != ".npz" || last == std::string::npos || last + 1 == stem.size() ||
+      stem.find_first_not_of("0123456789", last + 1) != std::string::npos)
+    return {};
+  return stem.substr(0, last);
+}
+
+// The directory at the end of the zip archive lists its entries. The page reads and checks them; this finds a
+// wrong file before the conditions run.
+void check_file(const std::string& said, const fs::path& file) {
+  constexpr std::streamoff kDirectory = 1 << 16;
+  std::ifstream in(file, std::ios::binary | std::ios::ate);
+  if (!in || !fs::is_regular_file(file))
+    throw std::invalid_argument(fmt::format("--beside {}: there is no file {}", said, file.string()));
+  in.seekg(std::max<std::streamoff>(in.tellg() - std::streamoff{kDirectory}, 0));
+  const std::string end{std::istreambuf_iterator<char>(in), {}};
+  if (end.find("about.npy") == std::string::npos || end.find("stages_us.npy") == std::string::npos)
+    throw std::invalid_argument(
+        fmt::format("--beside {}: {} is not a measurement by the multimode controller (docs/ros2_control.md)",
+                    said, file.string()));
 }
 
 }  // namespace
@@ -68,7 +94,7 @@ std::vector<BesideLog> beside_logs(const std::vector<std::string>& named,
     const auto variant = std::ranges::find(names, text.substr(0, equals));
     const bool says = equals != std::string::npos && !fs::exists(text);
     if (says && variant == names.end())
-      throw std::invalid_argument(fmt::format("--beside {}: no variant '{}' runs{}", text,
+      throw std::invalid_argument(fmt::format("--beside {}: there is no variant '{}'{}", text,
                                               text.substr(0, equals),
                                               name_hint(text.substr(0, equals), names, "there are none")));
     fs::path path = says ? text.substr(equals + 1) : text;
@@ -81,7 +107,7 @@ std::vector<BesideLog> beside_logs(const std::vector<std::string>& named,
       throw std::invalid_argument(fmt::format("--beside {}: there is no log {}", text, path.string()));
     if (!says && variants.size() != 1)
       throw std::invalid_argument(
-          fmt::format("--beside {}: {} variants run; say of which it is: --beside {}={}", text,
+          fmt::format("--beside {}: {} variants run; name the one of this log: --beside {}={}", text,
                       variants.size(), names.front(), text));
     logs.push_back(
         {says ? variants[static_cast<std::size_t>(variant - names.begin())] : variants.front(), 1, path});
@@ -116,6 +142,44 @@ Json beside_run(const BesideLog& log, const Json& like, const fs::path& folder) 
     run["timeline"] = timeline_of(scene);
   }
   return run;
+}
+
+std::vector<BesideTrace> beside_traces(const std::vector<std::string>& named,
+                                       const std::vector<std::string>& conditions) {
+  std::vector<BesideTrace> traces;
+  const auto runs = [&](const std::string& name) {
+    return std::ranges::find(conditions, name) != conditions.end();
+  };
+  const auto add = [&](const std::string& said, const std::string& condition, const fs::path& file) {
+    check_file(said, file);
+    traces.push_back({condition, fs::absolute(file)});
+  };
+  for (const auto& text : named) {
+    const auto equals = text.find('=');
+    const bool says = equals != std::string::npos && !fs::exists(text);
+    const fs::path path = says ? text.substr(equals + 1) : text;
+    if (!says && fs::is_directory(path)) {
+      std::vector<fs::path> files;
+      for (const auto& entry : fs::directory_iterator(path))
+        if (runs(condition_of(entry.path()))) files.push_back(entry.path());
+      if (files.empty())
+        throw std::invalid_argument(
+            fmt::format("--beside {}: it has no file of a condition of this run, such as {}_1.npz", text,
+                        conditions.front()));
+      std::ranges::sort(files);
+      for (const auto& file : files) add(text, condition_of(file), file);
+      continue;
+    }
+    const std::string condition = says ? text.substr(0, equals) : condition_of(path);
+    if (condition.empty())
+      throw std::invalid_argument(fmt::format(
+          "--beside {}: its condition is unknown; name it: --beside {}={}", text, conditions.front(), text));
+    if (!runs(condition))
+      throw std::invalid_argument(fmt::format("--beside {}: there is no condition '{}'{}", text, condition,
+                                              name_hint(condition, conditions, "there are none")));
+    add(text, condition, path);
+  }
+  return traces;
 }
 
 }  // namespace multipanda

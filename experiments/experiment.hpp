@@ -8,27 +8,13 @@
 
 #include <nlohmann/json.hpp>
 
-#include "config_file/config_error.hpp"
+#include "scene/rewrite.hpp"
 
 // An experiment as read from experiments/*.yaml (docs/experiments.md), checked as far as possible without
 // running it.
 namespace multipanda {
 
-// A value that replaces one of the scene file before the scene is read. The key is a path:
-// "objects.table.friction". Items of a list are addressed by name, by number from 0, or by a key
-// that they have.
-struct Override {
-  std::string key;
-  std::string value;  // as YAML
-  SourcePlace place;
-};
-
-// A number of the scene, or each of a list, that varies in every repeat: uniformly within +- `by`, seeded.
-struct Variation {
-  std::string key;
-  double by = 0;
-  SourcePlace place;
-};
+class Archive;
 
 // One variant of the experiment: a combination of the choices of its axes, or a single one.
 struct ExperimentVariant {
@@ -39,7 +25,7 @@ struct ExperimentVariant {
   bool reported = false;  // shown; only limits that name it apply
 };
 
-// Upper and lower limits of a figure. The worst repeat counts.
+// Upper and lower limits of a figure, checked in the worst repeat.
 struct ExperimentLimit {
   std::string metric;
   std::map<std::string, double> at_most, at_least;  // by plant
@@ -86,5 +72,10 @@ std::string experiments_folder();
 // found, the value expected and the nearest valid name.
 Experiment load_experiment(const std::string& name_or_path);
 Experiment parse_experiment(const std::string& text, const std::string& file_name);
+
+// Keys that the files of experiments and of studies share. The section `set`: values by key path, as YAML.
+std::vector<Override> read_overrides(Archive& archive, const char* doc);
+void visit(Archive& archive, ExperimentVariant& variant);
+void visit(Archive& archive, Variation& variation);
 
 }  // namespace multipanda

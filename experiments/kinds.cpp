@@ -4,8 +4,8 @@
 #include <cstdlib>
 #include <fstream>
 
+#include "common/machine.hpp"
 #include "report/page_script.hpp"
-#include "support/machine.hpp"
 
 namespace multipanda {
 namespace {
@@ -41,7 +41,7 @@ Json limits_json(const Experiment& experiment) {
 const std::vector<ExperimentKind>& experiment_kinds() {
   static const std::vector<ExperimentKind> kinds{
       {kTaskKind,
-       "A scene, run in variants on several plants, judged by its figures.",
+       "A scene, run in variants on several plants, with limits on its figures.",
        {"q_rmse_rad",
         "q_max_rad",
         "dq_rmse_rad_per_s",

@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
+#include "common/person.hpp"
 #include "experiments/experiment.hpp"
-#include "experiments/person.hpp"
 #include "runtime/session_viewer.hpp"
 
 // Kinds of experiments and their runners. Each kind has a page of the same name in experiments/pages.
@@ -24,11 +24,11 @@ struct ExperimentOptions {
   BackendOptions backend;              // `mujoco`, `virtual_arms`, or `fci`: arms that are not simulated here
   // Confirms every step of an experiment with `fci`; required there, unused otherwise.
   Person* person = nullptr;
-  // Logs of arms to be shown beside simulated runs (beside_log.hpp); kind `performance`: measurements inside
-  // a controller_manager (beside_trace.hpp).
+  // Logs of arms to show beside simulated runs (beside_log.hpp); kind `performance`: measurements inside a
+  // controller_manager (beside_trace.hpp).
   std::vector<std::string> beside;
-  bool resume = false;  // `directory` has the finished runs of an interrupted experiment; only the rest runs
-  SessionViewer* viewer = nullptr;  // sees one run at a time, except unpaced checks; none: nobody looks
+  bool resume = false;              // continue the interrupted experiment in `directory`: only missing runs
+  SessionViewer* viewer = nullptr;  // displays one run at a time, except unpaced checks; may be none
   bool ros = false;                 // kind `performance`: set-points come by ROS topics instead of the socket
 };
 
@@ -36,14 +36,14 @@ struct ExperimentOptions {
 struct ExperimentProgress {
   std::function<void(const std::string& line)> line;
   const std::atomic<bool>* stop = nullptr;  // true: end the runs in hold, without a report
-  // Asked before a run and again once it is shown: a Stop may have come while it was being made.
+  // Checked before a run and again once it is displayed: Stop may have been pressed meanwhile.
   bool stopped() const { return stop != nullptr && stop->load(std::memory_order_relaxed); }
 };
 
 struct ExperimentResult {
   std::string name;
   bool stopped = false;
-  std::string why_stopped;            // of an experiment on arms; empty: it was asked
+  std::string why_stopped;            // reason why an experiment on arms ended; empty: on request
   bool passed = false;                // every limit held and every run completed
   std::filesystem::path page;         // report.html
   nlohmann::ordered_json results;     // as results.json, docs/experiments.md

@@ -3,14 +3,13 @@
 #include <optional>
 #include <set>
 
-#include "config_file/archive.hpp"
-#include "config_file/text.hpp"
+#include "common/own_files.hpp"
+#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "experiments/experiment.hpp"
-#include "experiments/experiment_keys.hpp"
 #include "experiments/kinds.hpp"
-#include "experiments/yaml_tree.hpp"
-#include "support/own_files.hpp"
-#include "support/spelling.hpp"
+#include "scene/rewrite.hpp"
+#include "yaml_reader/archive.hpp"
 
 namespace multipanda {
 
@@ -26,6 +25,23 @@ std::vector<Override> read_overrides(Archive& archive, const char* doc) {
 namespace {
 
 namespace fs = std::filesystem;
+
+// Scalars become numbers, booleans or strings, by their syntax; a scalar in quotes is a string.
+nlohmann::ordered_json json_of(const YAML::Node& node) {
+  if (node.IsScalar()) {
+    auto value = nlohmann::ordered_json::parse(node.Scalar(), nullptr, false);
+    const bool plain = node.Tag() != "!" && (value.is_number() || value.is_boolean());
+    return plain ? value : nlohmann::ordered_json(node.Scalar());
+  }
+  nlohmann::ordered_json out = node.IsSequence() ? nlohmann::ordered_json::array() : nlohmann::ordered_json();
+  for (const auto& item : node) {
+    if (node.IsSequence())
+      out.push_back(json_of(item));
+    else
+      out[item.first.Scalar()] = json_of(item.second);
+  }
+  return out;
+}
 
 struct ExperimentAxis {
   std::string name;
@@ -65,12 +81,12 @@ std::vector<ExperimentVariant> all_variants(const Archive& archive, const std::v
   return variants;
 }
 
-// A bound of a figure: one number for every plant, or a mapping of plants.
+// A bound of a figure: one number for all plants, or one per plant.
 std::map<std::string, double> read_bounds(Archive& archive, const char* name, const Experiment& experiment) {
   std::map<std::string, double> bounds;
   const auto node = archive.open(Key(name, "A number, or one per plant."));
   if (!node) return bounds;
-  // Kinds without plants have one world of their own.
+  // Kinds without plants have a world of their own.
   const std::vector<std::string> plants =
       experiment.plants.empty() ? std::vector<std::string>{""} : experiment.plants;
   Key number(name, "");
@@ -192,7 +208,7 @@ nlohmann::ordered_json default_json(const Key& key) {
   return key.fallback;
 }
 
-// What a section has, as JSON with every default filled in. Its keys were checked before.
+// The contents of a section as JSON, defaults included. Its keys were checked before.
 nlohmann::ordered_json checked_json(const Node& node, const Section& section) {
   const auto pairs = node.pairs();
   nlohmann::ordered_json out = nlohmann::ordered_json::object();
@@ -296,7 +312,7 @@ void visit(Archive& archive, Experiment& experiment) {
     }
     if (archive.has("measure"))
       experiment.measure = checked_json(archive.at("measure"), *Archive::described(visit_measure, true));
-    if (settings) experiment.settings = yaml_json(settings->yaml());
+    if (settings) experiment.settings = json_of(settings->yaml());
   }
   archive.items(Key("limits", "Limits that the results must meet.").each("limit"), [&](Archive& inner) {
     ExperimentLimit limit;

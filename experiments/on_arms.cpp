@@ -7,7 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "device/arm_settings.hpp"
+#include "arm_interface/arm_settings.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
@@ -68,7 +68,7 @@ Experiment for_arms(Experiment experiment, std::vector<std::string>& left_out) {
   }
   for (auto& change : experiment.vary) {
     if (!change.key.starts_with("arms.") || change.key.find(".start_rad") == std::string::npos)
-      change.by = 0;  // still drawn, so that the starts are the same
+      change.by = 0;  // still drawn, so that all repeats have the same starts
   }
   std::erase_if(experiment.variants, [&](const ExperimentVariant& variant) {
     const bool plant = std::any_of(variant.set.begin(), variant.set.end(), [](const Override& change) {
@@ -79,7 +79,7 @@ Experiment for_arms(Experiment experiment, std::vector<std::string>& left_out) {
   });
   if (experiment.variants.empty())
     throw std::invalid_argument(experiment.name +
-                                ": every variant changes the simulated plant; none runs on arms");
+                                ": every variant changes the simulated plant; none can run on arms");
   return experiment;
 }
 
@@ -89,9 +89,8 @@ BackendOptions backend_of(const Scene& scene, const BackendOptions& options) {
         std::ranges::any_of(options.addresses, [&](const auto& each) { return each.first == arm.name; }))
       continue;
     throw std::invalid_argument(
-        fmt::format("arm '{0}' has the address {1} in its scene, but no --address; add --address {0}={1}, so "
-                    "that it is known "
-                    "which arms move",
+        fmt::format("arm '{0}' has the address {1} in its scene, but no --address; add --address {0}={1} to "
+                    "confirm which arms move",
                     arm.name, arm.fci->address));
   }
   BackendOptions backend = options;
@@ -113,10 +112,10 @@ void check_addresses_of_all(const Scene& scene, const BackendOptions& options) {
 void check_no_recovery(const Scene& scene) {
   for (const auto& arm : scene.arms) {
     if (!arm.fci || !arm.fci->recover_at_start) continue;
-    throw std::invalid_argument(fmt::format(
-        "arm '{}': 'recover_at_start' would clear a reflex without a question, and the arm may have "
-        "stopped on a person; remove it from the scene",
-        arm.name));
+    throw std::invalid_argument(
+        fmt::format("arm '{}': 'recover_at_start' would clear a reflex without asking, although the arm may "
+                    "have stopped at a person; remove it from the scene",
+                    arm.name));
   }
 }
 
@@ -124,10 +123,10 @@ void check_for_arms(const Scene& scene, const std::string& variant) {
   check_no_recovery(scene);
   for (const auto& event : scene.timeline) {
     if (event.what != TimelineEvent::What::place) continue;
-    throw std::invalid_argument(fmt::format(
-        "variant '{}': the timeline places the object '{}' at {:g} s, which only a simulation does; run this "
-        "experiment on simulated arms",
-        variant, event.object, event.at_s));
+    throw std::invalid_argument(
+        fmt::format("variant '{}': the timeline places the object '{}' at {:g} s, which only a simulation "
+                    "can do; run this experiment on simulated arms",
+                    variant, event.object, event.at_s));
   }
 }
 
@@ -163,7 +162,7 @@ std::string describe_arm(const SceneArm& arm) {
                         arm.load_declared.mass, point_text(arm.load_declared.p_FC));
   text += fmt::format("\n    end effector at {} in the flange", pose_text(arm_config(arm).frames.X_FE));
   const bool kept = !arm.collision && arm.fci && arm.fci->keep_collision_thresholds;
-  if (kept) return text + "\n    its thresholds are left as an earlier program has set them";
+  if (kept) return text + "\n    it keeps the thresholds set by an earlier program";
   const auto limits = arm.collision.value_or(careful_thresholds(*build_arm_model(arm)));
   std::vector<double> wrench(limits.nominal.wrench_upper.begin(), limits.nominal.wrench_upper.end());
   return text + fmt::format("\n    stops itself above [{:g}] N, N m at K and [{}] N m at the joints ({})",

@@ -7,16 +7,15 @@
 #include "runtime/backends.hpp"
 #include "scene/scene.hpp"
 
-// What an experiment and its scene mean on arms that this program does not simulate: real ones, or virtual
-// arms of another process.
+// Experiments on arms that this program does not simulate: real ones, or virtual arms of another process.
 namespace multipanda {
 
-// The plant of the runs on arms, in figures, names and results. Each has a run in simulation before it.
+// The plant of the runs on arms, in figures, names and results. A run in simulation precedes each.
 inline constexpr const char* kMeasured = "measured";
 
 // The experiment as arms run it: on the plant `realistic` (or its last one), then on the arms. The limits of
-// that plant also apply to the arms. Only starts vary, by the same amounts as in simulation: a person does
-// not place objects within 2 mm. Variants that change the plant are left out; `left_out` has their names.
+// that plant also apply to the arms. Only starts vary, by the same amounts as in simulation, since a person
+// cannot place objects within 2 mm. Variants that change the plant are left out; `left_out` has their names.
 Experiment for_arms(Experiment experiment, std::vector<std::string>& left_out);
 
 // The backend of a scene: its arms that have an address in `options` are reached there; the others, if there
@@ -33,14 +32,14 @@ void check_no_recovery(const Scene& scene);
 // check_no_recovery.
 void check_for_arms(const Scene& scene, const std::string& variant);
 
-// An object that a person must place, since in the scene it exists by itself.
+// An object that a person must place for a run on arms.
 struct PlacedObject {
   std::string name;
   std::string text;  // shape, size, pose in the base frame of each arm, surface
 };
 std::vector<PlacedObject> objects_to_place(const Scene& scene);  // without planes
 
-// What must be mounted on an arm, where it is reached, and when it stops by itself; several lines.
+// Equipment, address and reflex thresholds of an arm; several lines.
 std::string describe_arm(const SceneArm& arm);
 
 }  // namespace multipanda

@@ -7,15 +7,15 @@
 
 #include <fmt/format.h>
 
+#include "common/machine.hpp"
+#include "common/spelling.hpp"
 #include "experiments/arm_steps.hpp"
-#include "experiments/beside_trace.hpp"
-#include "experiments/finished_runs.hpp"
+#include "experiments/beside_log.hpp"
 #include "experiments/on_arms.hpp"
 #include "experiments/performance_runs.hpp"
-#include "experiments/process_usage.hpp"
+#include "experiments/processes.hpp"
+#include "experiments/task_runs.hpp"
 #include "scene/build.hpp"
-#include "support/address.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -61,8 +61,8 @@ std::vector<PerformanceSettings::Condition> chosen(const Experiment& experiment,
   return list;
 }
 
-// The steps of a person around the runs on arms; each run is rehearsed in simulation, which tells how far the
-// arms will move. Without arms it does nothing.
+// The person's steps around the runs on arms; each run is first simulated, which shows how far the arms will
+// move. Without arms it does nothing.
 class OnArms {
  public:
   OnArms(const Experiment& experiment, const ExperimentOptions& options, const PerformanceRun& run)
@@ -74,7 +74,7 @@ class OnArms {
         steps_(experiment_, options_, run.progress, registry_) {
     if (!active_) return;
     if (options.person == nullptr)
-      throw std::invalid_argument(experiment.name + ": a run on arms needs a person who confirms its steps");
+      throw std::invalid_argument(experiment.name + ": a run on arms requires a person to confirm its steps");
     check_addresses_of_all(scene(run.settings.scene, {}), options.backend);
     check_no_recovery(scene(run.settings.scene, {}));
     if (run.settings.switching) {
@@ -97,7 +97,7 @@ class OnArms {
   void before(const std::string& name, const std::string& scene_path, const std::vector<Override>& set,
               double seconds, Rehearse rehearse) {
     if (!active_) return;
-    if (run_.progress.line) run_.progress.line("  " + name + ": first in simulation, the arms do not move");
+    if (run_.progress.line) run_.progress.line("  " + name + ": simulating first; the arms do not move");
     PerformanceRun simulated = run_;
     simulated.backend = {.kind = BackendKind::mujoco};
     simulated.viewer = nullptr;
@@ -116,7 +116,7 @@ class OnArms {
   void after(const std::string& name, const Json& record) const {
     if (!active_ || run_.progress.stopped() || record["faults"].empty()) return;
     throw ExperimentInterrupted(
-        fmt::format("{}: {}; no further run begins", name, record["faults"].front().get<std::string>()));
+        fmt::format("{}: {}; no further run is started", name, record["faults"].front().get<std::string>()));
   }
 
   PerformanceRun run(const std::string& scene_path) const {
@@ -130,7 +130,7 @@ class OnArms {
 
  private:
   static ExperimentOptions paced(ExperimentOptions options) {
-    options.fast = false;  // only shorter here
+    options.fast = false;  // only shortens the run here
     return options;
   }
   Scene scene(const std::string& path, const std::vector<Override>& set) const {
@@ -146,7 +146,7 @@ class OnArms {
   Json expected_;  // the extent of the last rehearsal
 };
 
-// The runs and what they were asked for: an experiment can only be resumed as it was begun.
+// The runs and their settings: an experiment can only be resumed with the settings of its start.
 Json identity(const Experiment& experiment, const ExperimentOptions& options,
               const PerformanceSettings& settings,
               const std::vector<PerformanceSettings::Condition>& conditions) {
@@ -244,8 +244,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
       }
     }
     plan["delay_checks"] = Json::array();
-    if (settings.delay_check &&
-        !arms.active()) {  // the delay of an arm is not known, so there is nothing to find
+    if (settings.delay_check && !arms.active()) {  // the delay of an arm is unknown, so it cannot be checked
       for (const double delay_s : settings.delay_check->delays_s) {
         if (progress.stopped()) return stopped();
         plan["delay_checks"].push_back(run_delay_check(run, delay_s));

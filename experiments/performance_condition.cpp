@@ -1,18 +1,23 @@
+#include <array>
 #include <chrono>
 #include <cmath>
+#include <limits>
+#include <memory>
 #include <numeric>
 #include <thread>
 #include <unistd.h>
+#include <vector>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "benchmarks/bare/bare_libraries.hpp"
+#include "core/model/arm_model.hpp"
+#include "core/types/statistics.hpp"
 #include "core/types/time.hpp"
 #include "experiments/arm_steps.hpp"
-#include "experiments/bare_math.hpp"
-#include "experiments/generator_process.hpp"
 #include "experiments/performance_runs.hpp"
-#include "experiments/process_usage.hpp"
+#include "experiments/processes.hpp"
 #include "logs/npz.hpp"
 #include "runtime/command_trace.hpp"
 #include "runtime/live_input/socket_path.hpp"
@@ -21,10 +26,51 @@
 namespace multipanda {
 namespace {
 
+// Median time of the law of dual_cartesian_impedance for two arms, written directly with Pinocchio and Eigen
+// (benchmarks/bare/bare_libraries.hpp): the baseline of a control cycle [us]. It is evaluated once per
+// millisecond, so that caches and clock rate are as in a cycle. NaN unless there are two arms of seven
+// joints. The calling thread sleeps between evaluations:
+// 0.3 s.
+double bare_math_us(const std::vector<std::shared_ptr<const ArmModel>>& models) {
+  using bench::BareDualImpedance;
+  using bench::Vector7;
+  constexpr int kEvaluations = 301;
+  constexpr double kSwing = 0.2;  // amplitude of the joints' motion [rad]
+  if (models.size() < 2 || models[0]->joint_count() != 7 || models[1]->joint_count() != 7)
+    return std::numeric_limits<double>::quiet_NaN();
+  BareDualImpedance law(*models[0], *models[1], Pose{},
+                        {.translational_stiffness = Vector3::Constant(400),
+                         .rotational_stiffness = 30,
+                         .damping_ratio = 1,
+                         .null_space_stiffness = 5});
+  std::array<BareDualImpedance::Input, 2> inputs;
+  std::vector<double> times;
+  double sum = 0;
+  for (int k = 0; k < kEvaluations; ++k) {
+    for (std::size_t arm = 0; arm < 2; ++arm) {
+      const Vector7 q_home = models[arm]->q_home();
+      inputs[arm] = {.q = q_home + Vector7::Constant(kSwing * std::sin(0.01 * k)),
+                     .dq = Vector7::Constant(kSwing * std::cos(0.01 * k)),
+                     .X_W_d = models[arm]->X_WB() * Pose{Matrix3::Identity(), Vector3(0.4, 0, 0.4)},
+                     .V_d = Vector6::Zero(),
+                     .A_d = Vector6::Zero(),
+                     .q_N = q_home};
+    }
+    const auto begin = std::chrono::steady_clock::now();
+    const auto& tau = law.torques(inputs);
+    times.push_back(
+        std::chrono::duration<double, std::micro>(std::chrono::steady_clock::now() - begin).count());
+    sum += tau[0][0] + tau[1][0];
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  if (!std::isfinite(sum)) return std::numeric_limits<double>::quiet_NaN();
+  return median(times);
+}
+
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-constexpr double kPatience = 60;  // for the generator to begin; it times out earlier [s]
+constexpr double kPatience = 60;  // waiting time for the generator, which times out earlier [s]
 constexpr double kRest = 0.5;     // after the last set-point [s]
 
 std::size_t cycles(double s) { return static_cast<std::size_t>(std::llround(s / kArmPeriod)); }
@@ -122,11 +168,11 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
     if (watch) watch->take(record);
   };
   options.on_loop = [&trace](const Tick& tick, const Backend&) { trace->step_done(tick); };
-  // A unique name, so that no other node on this machine is mistaken for it.
+  // A unique name, so that no other node on this machine is taken for it.
   const std::string node = run.ros ? fmt::format("experiment_{}", getpid()) : "";
   if (run.ros) options.make_adapter = load_ros_adapter({.node = node, .name_space = {}, .remaps = {}});
   const fs::path socket = options.socket;
-  if (run.viewer != nullptr) run.viewer->prepare(opened.scene, options);
+  if (run.viewer != nullptr) run.viewer->prepare(options);
   Session session(opened.scene, opened.registry, std::move(options));
   if (run.rehearsal) extent.emplace(session.scene(), session.models());
   if (run.on_arms()) watch.emplace(session.scene(), session.layout(), session.models(), run.expected);
@@ -164,7 +210,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
                              ": no set-point of the generator arrived; its messages: " + said);
   }
 
-  // Readings at fixed times, as a repeated `top` would take them. This thread has no other work.
+  // Readings at fixed times, as a repeated `top` would take them. This thread does no other work.
   UsageSeries usage(trace->loop_thread(), generator.id());
   HostTime next = host_now();
   const auto step = std::chrono::nanoseconds(std::llround(settings.usage_every_s * 1e9));
@@ -176,7 +222,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   }
   const bool generator_lasted = generator.running();
   const Json generated = generator.finish();
-  session.wait_for_end(kRest);  // arms come to rest before they are held
+  session.wait_for_end(kRest);  // lets the arms come to rest before they are held
   session.stop();
   const RunSummary summary = session.finish();
   if (run.progress.stopped()) return {};
@@ -193,7 +239,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
               {"repeat", repeat},
               {"npz", fs::relative(file, run.folder.parent_path()).string()},
               {"arms", arms},
-              {"wanted_samples", cycles(duration_s)},
+              {"expected_samples", cycles(duration_s)},
               {"samples", trace->count()},
               {"period_s", kArmPeriod},
               {"plant", opened.scene.plant.name},

@@ -20,7 +20,7 @@ import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
-from experiments.pages.performance_test import ABOUT, write_cycles  # noqa: E402
+from experiments.pages.performance_test import ABOUT, write_cycles
 
 PROGRAM = None
 PATIENCE = 560  # [s]
@@ -221,9 +221,9 @@ class Words(unittest.TestCase):
                     if line.lstrip().startswith("NF") and "repeat 1" in line:
                         begun.send_signal(signal.SIGINT)
             self.assertEqual(begun.returncode, 1, said)
-            command = next(line for line in said if "go on with: " in line).split("go on with: ")[1].split()
+            command = next(line for line in said if "continue with: " in line).split("continue with: ")[1].split()
             for wrong in (["--seed", "9"], ["--pace", "lockstep", "--backend", "virtual"]):
-                self.assertIn("was begun with another", experiment(*command[2:], *wrong).stderr)
+                self.assertIn("was started with another", experiment(*command[2:], *wrong).stderr)
             done = experiment(*command[2:], "--json")
             results = json.loads(done.stdout)
             self.assertNotIn("NF     repeat", done.stderr)  # it had finished
@@ -247,7 +247,7 @@ class Words(unittest.TestCase):
             self.assertEqual(results["conditions"]["NF"]["cycles"], 3000)
             page = pathlib.Path(results["report"]).read_text(encoding="utf-8")
             self.assertIn("not measured inside a controller_manager", page)
-            self.assertIn("no condition 'CA' runs", experiment(*words, "--beside", f"CA={file}").stderr)
+            self.assertIn("there is no condition 'CA'", experiment(*words, "--beside", f"CA={file}").stderr)
 
     def test_only_one_condition(self):
         with tempfile.TemporaryDirectory() as folder:

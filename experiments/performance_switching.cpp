@@ -18,7 +18,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kLead = 500;                       // cycles before the first request
 constexpr double kPauseLow = 0.005, kPauseHigh = 0.015;  // between two requests [s]
-constexpr std::size_t kCyclesPerTrial = 60;              // kept: a pause, an answer and delays of the machine
+constexpr std::size_t kCyclesPerTrial = 60;              // kept: pause, answer and delays of the machine
 
 constexpr double kAnswerPatience = 10;  // [s]
 
@@ -28,8 +28,8 @@ struct Trial {
   HostTime queued;  // time at which the request was queued for the loop
 };
 
-// As MultimodeController::ask(). If the requesting thread loses its core between its time stamp and the
-// queue, that delay is not the loop's. So the loop's delay counts from the queue.
+// As MultimodeController::ask(), but the delay of the loop counts from the queue: the requesting thread may
+// lose its core between time stamp and queue.
 Answer ask_and_note(MultimodeController& modes, const Request& request, HostTime& queued) {
   Answer answer;
   std::uint64_t ticket = 0;
@@ -114,7 +114,7 @@ Json run_switching(const PerformanceRun& run) {
       if (extent) extent->take(record);
       if (watch) watch->take(record);
     };
-    if (run.viewer != nullptr) run.viewer->prepare(opened.scene, options);
+    if (run.viewer != nullptr) run.viewer->prepare(options);
     Session session(opened.scene, opened.registry, std::move(options));
     trace = trace_of(session, samples);
     if (run.rehearsal) extent.emplace(session.scene(), session.models());
@@ -144,7 +144,7 @@ Json run_switching(const PerformanceRun& run) {
       Trial& trial = trials.emplace_back(Trial{.kind = kind, .to = to, .answer = {}, .queued = {}});
       trial.answer = ask_and_note(modes, request, trial.queued);
     };
-    // Feature first: its controllet runs from the start.
+    // The feature first: its controllet is active from the start.
     for (std::size_t i = 0; i < switching.trials && running(); ++i) {
       const bool on = i % 2 != 0;  // the feature is on at the start of the run
       ask("feature", switching.feature + (on ? " on" : " off"),

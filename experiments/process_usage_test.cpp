@@ -1,10 +1,10 @@
-#include "experiments/process_usage.hpp"
-
 #include <ctime>
 #include <unistd.h>
 #include <vector>
 
 #include <gtest/gtest.h>
+
+#include "experiments/processes.hpp"
 
 namespace multipanda::process_usage_test {
 namespace {

@@ -167,7 +167,7 @@ void RunData::take(const CycleRecord& record) {
 
 void RunData::write(const std::filesystem::path& file) const {
   std::vector<NpzWriter::Array> arrays;
-  std::vector<const Numbers*> filled;  // a log has no outputs of controllets that never ran either
+  std::vector<const Numbers*> filled;  // a log also lacks outputs of controllets that never ran
   for (const auto& column : columns_) {
     if (!column.values.empty()) filled.push_back(&column);
   }

@@ -10,9 +10,9 @@
 
 namespace multipanda {
 
-// The data from which the figures of a run are computed, collected during the run: the arrays that export_npz
-// makes of its log. Names and meaning are those of the export (docs/logs.md). Integers are stored as floating
-// point, and arrays that no figure needs are left out.
+// Collects the data for the figures during a run: the arrays that export_npz makes of its log. Names and
+// meaning are those of the export (docs/logs.md). Integers are stored as floating point, and arrays that no
+// figure needs are left out.
 class RunData {
  public:
   // `model_every`: cycles between two evaluations of the model, as in the log.

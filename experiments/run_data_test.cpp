@@ -6,10 +6,10 @@
 
 #include <gtest/gtest.h>
 
+#include "common/child_process.hpp"
 #include "logs/export.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
-#include "support/child_process.hpp"
 
 namespace multipanda::run_data_test {
 namespace {

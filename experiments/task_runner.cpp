@@ -10,9 +10,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "common/machine.hpp"
 #include "experiments/arm_steps.hpp"
 #include "experiments/beside_log.hpp"
-#include "experiments/finished_runs.hpp"
 #include "experiments/kinds.hpp"
 #include "experiments/motion_extent.hpp"
 #include "experiments/on_arms.hpp"
@@ -20,7 +20,6 @@
 #include "experiments/task_runs.hpp"
 #include "logs/npz.hpp"
 #include "scene/build.hpp"
-#include "support/address.hpp"
 
 namespace multipanda {
 namespace {
@@ -31,7 +30,7 @@ using Json = nlohmann::ordered_json;
 constexpr std::uint64_t kModelEvery = 5;    // cycles: poses at 200 Hz
 constexpr std::uint64_t kObjectsEvery = 2;  // cycles
 
-// Poses of the free objects, recorded on the loop's thread, since logs contain only the arms.
+// Poses of the free objects, recorded on the loop's thread, because logs contain only the arms.
 class ObjectTrace {
  public:
   ObjectTrace(const Scene& scene, double duration_s) {
@@ -49,10 +48,8 @@ class ObjectTrace {
     for (auto& track : tracks_) {
       const auto X_WO = backend.object_pose(track.name);
       if (!X_WO) continue;
-      const Quaternion q = X_WO->quaternion();
-      const auto& p = X_WO->position;
-      for (const double value : {tick.t.seconds(), p.x(), p.y(), p.z(), q.w(), q.x(), q.y(), q.z()})
-        track.values.push_back(value);
+      track.values.push_back(tick.t.seconds());
+      for (const double value : X_WO->values()) track.values.push_back(value);
     }
   }
 
@@ -101,7 +98,7 @@ class TaskRunner {
         finished_runs_(options.directory, what_decides(experiment_, options, scenes_of(experiment_, runs_)),
                        options.resume) {
     if (on_arms_ && options.person == nullptr)
-      throw std::invalid_argument(experiment.name + ": a run on arms needs a person who confirms its steps");
+      throw std::invalid_argument(experiment.name + ": a run on arms requires a person to confirm its steps");
     // All scenes are read before the first run, so that an invalid variant is refused at once.
     for (const auto& run : runs_) {
       const bool measured = run.plant == kMeasured;
@@ -119,8 +116,7 @@ class TaskRunner {
     beside_ = beside_logs(options.beside, chosen_variants(experiment_, options.only));
     if (!beside_.empty() && on_arms_)
       throw std::invalid_argument(experiment.name +
-                                  ": runs on arms have their simulation beside them; leave "
-                                  "--beside out");
+                                  ": runs on arms are shown with their simulation; omit --beside");
   }
 
   ExperimentResult run() {
@@ -168,7 +164,8 @@ class TaskRunner {
  private:
   // On arms, all simulations come first.
   static std::vector<TaskRun> ordered(std::vector<TaskRun> runs) {
-    std::ranges::stable_partition(runs, [](const TaskRun& run) { return run.plant != kMeasured; });
+    std::stable_partition(runs.begin(), runs.end(),
+                          [](const TaskRun& run) { return run.plant != kMeasured; });
     return runs;
   }
 
@@ -183,7 +180,7 @@ class TaskRunner {
     work();
   }
 
-  // One after the other, each confirmed. Throws ExperimentInterrupted, or what a session throws.
+  // In sequence, each confirmed. Throws ExperimentInterrupted, or the exception of a session.
   void run_on_arms(std::size_t first) {
     std::size_t left = 0;
     double seconds = 0;
@@ -224,8 +221,8 @@ class TaskRunner {
     }
   }
 
-  // On arms, the scene as it was read at the start: saving it while a question stands changes nothing. Model
-  // files are read again.
+  // On arms, the scene as read at the start: later edits of its file have no effect. Model files are
+  // read again.
   Scene scene_of(const TaskRun& run) const {
     const auto read = scenes_.find(run.name());
     return read != scenes_.end() ? read->second : task_scene(experiment_, run, registry_);
@@ -238,7 +235,7 @@ class TaskRunner {
       try {
         {
           const std::lock_guard lock(mutex_);
-          // Before arms every simulation is made again: what has changed since must not reach an arm unseen.
+          // Runs on arms repeat every simulation first: files may have changed meanwhile.
           const Json* finished = on_arms_ ? nullptr : finished_runs_.find(runs_[index].name());
           if (finished != nullptr) {
             done_[index] = *finished;
@@ -263,7 +260,7 @@ class TaskRunner {
     const std::string name = run.name();
     const bool measured = run.plant == kMeasured;
     const fs::path scratch = options_.directory / "logs" / (name + ".part");
-    fs::remove_all(scratch);  // of a run that was interrupted
+    fs::remove_all(scratch);  // left by an interrupted run
     ObjectTrace objects(scene, scene.duration_s);
     Json instance_arms = Json::object();
     for (const auto& instance : scene.controllets) {
@@ -285,13 +282,13 @@ class TaskRunner {
       session_options.backend = {.kind = BackendKind::mujoco};
     }
     session_options.log_every.model = kModelEvery;
-    const bool traced = !objects.empty() && !measured;  // nothing measures objects beside arms
+    const bool traced = !objects.empty() && !measured;  // there is no measurement of objects beside arms
     if (traced)
       session_options.on_loop = [&objects](const Tick& tick, const Backend& backend) {
         objects.take(tick, backend);
       };
     SessionViewer* viewer = on_arms_ && !measured ? nullptr : options_.viewer;
-    if (viewer != nullptr) viewer->prepare(scene, session_options);
+    if (viewer != nullptr) viewer->prepare(session_options);
     std::optional<RunData> data;
     std::optional<MotionExtent> extent;
     std::optional<ArmWatch> watch;
@@ -323,7 +320,7 @@ class TaskRunner {
     }
     const RunSummary summary = session.finish();
     if (measured && trouble.empty() && summary.end != RunEnd::duration && !progress_.stopped())
-      trouble = "it ended before its time";
+      trouble = "it ended early";
 
     const bool cut = measured && (!trouble.empty() || progress_.stopped());
     const fs::path log = options_.directory / "logs" / (name + (cut ? "_interrupted.mcap" : ".mcap"));
@@ -354,7 +351,7 @@ class TaskRunner {
     return record;
   }
 
-  // Logs that were measured elsewhere, as runs of one more plant.
+  // Logs measured elsewhere, as runs of an additional plant.
   void add_beside(Json& plan) const {
     if (beside_.empty()) return;
     plan["plants"].push_back(kMeasured);
@@ -381,7 +378,7 @@ class TaskRunner {
   }
 
   const bool on_arms_;
-  std::vector<std::string> left_out_;  // variants that no arm can run
+  std::vector<std::string> left_out_;  // variants that cannot run on arms
   const Experiment experiment_;
   const ExperimentOptions& options_;
   const ExperimentProgress& progress_;
@@ -393,7 +390,7 @@ class TaskRunner {
   std::vector<BesideLog> beside_;
   Json expected_;  // the extent of the simulation of the run on arms
   std::vector<Json> done_;
-  std::size_t end_ = 0;  // of the runs that the workers take
+  std::size_t end_ = 0;  // end of the runs for the workers
   std::atomic<std::size_t> next_{0};
   std::mutex mutex_;
   std::size_t finished_ = 0;

@@ -2,24 +2,22 @@
 
 #include <algorithm>
 #include <fstream>
-#include <sstream>
+#include <stdexcept>
 
+#include <fmt/format.h>
+#include <yaml-cpp/yaml.h>
+
+#include "common/spelling.hpp"
 #include "experiments/on_arms.hpp"
-#include "experiments/seeded_draw.hpp"
-#include "experiments/yaml_tree.hpp"
-#include "scene/carried_arms.hpp"
-#include "support/spelling.hpp"
+#include "scene/build.hpp"
+#include "scene/rewrite.hpp"
+#include "yaml_reader/node.hpp"
 
 namespace multipanda {
 namespace {
 
-std::string read_file(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  if (!in) throw ConfigError({path, 0}, "cannot be read");
-  return text.str();
-}
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
 
 }  // namespace
 
@@ -55,7 +53,7 @@ std::vector<TaskRun> task_runs(const Experiment& experiment, std::size_t repeats
 }
 
 std::string task_scene_text(const Experiment& experiment, const TaskRun& run) {
-  YAML::Node root = YAML::Load(read_file(experiment.scene));
+  YAML::Node root = YAML::Load(read_text(experiment.scene));
   for (const auto& change : experiment.set) put(root, change);
   for (const auto& change : run.variant->set) put(root, change);
   if (run.plant != kMeasured) root["plant"]["fidelity"] = run.plant;
@@ -72,7 +70,7 @@ nlohmann::ordered_json timeline_of(const std::string& scene_text) {
   for (const auto& event : root["timeline"]) {
     for (const auto& pair : event) {
       if (pair.first.Scalar() == "at_s") continue;
-      list.push_back({{"at_s", yaml_json(event["at_s"])}, {"what", pair.first.Scalar()}});
+      list.push_back({{"at_s", event["at_s"].as<double>()}, {"what", pair.first.Scalar()}});
     }
   }
   return list;
@@ -85,16 +83,65 @@ Scene task_scene(const Experiment& experiment, const TaskRun& run, const Registr
     refuse_carried_arms(scene, "an experiment");
     if (!scene.timeline.empty() && scene.duration_s > 0 && scene.timeline.back().at_s >= scene.duration_s)
       throw ConfigError(scene.timeline.back().place,
-                        "the scene ends before this event; "
-                        "raise duration_s or remove the event");
+                        "the scene ends before this event; raise duration_s or remove the event");
     return scene;
   } catch (const ConfigError& error) {
-    // Line numbers refer to the changed text. An error in the file itself is reported with its own line.
+    // Line numbers refer to the changed text. An error in the original file is reported with its own line.
     (void)load_scene(experiment.scene, registry);
     throw ConfigError({experiment.path, 0},
                       "variant '" + run.variant->name + "', plant '" + run.plant +
                           "': the scene with the experiment's values is invalid: " + error.what());
   }
+}
+
+Json what_decides(const Experiment& experiment, const ExperimentOptions& options, const std::string& scenes) {
+  Json what = describe(experiment);
+  for (const char* shown : {"machine", "description", "published", "show", "limits"}) what.erase(shown);
+  Json addresses = Json::object();
+  for (const auto& [arm, address] : options.backend.addresses) addresses[arm] = address;
+  what["fast"] = options.fast;
+  what["backend"] = name_of(options.backend.kind);
+  what["addresses"] = addresses;
+  what["runs_and_scenes"] = fmt::format("{:016x}", std::hash<std::string>{}(scenes));
+  return what;
+}
+
+FinishedRuns::FinishedRuns(fs::path folder, Json what, bool resume)
+    : file_(std::move(folder) / "finished_runs.json"), what_(std::move(what)) {
+  if (!resume) return;
+  std::ifstream in(file_);
+  const Json read = Json::parse(in, nullptr, false);
+  if (!in || !read.is_object() || !read.contains("what") || !read.contains("runs"))
+    throw std::invalid_argument(fmt::format("{} has no interrupted experiment: there is no valid {}",
+                                            file_.parent_path().string(), file_.filename().string()));
+  for (const auto& [key, value] : what_.items()) {
+    const Json before = read["what"].value(key, Json());
+    if (before != value)
+      throw std::invalid_argument(
+          fmt::format("{} was started with another {}: {}, now {}; resume it with the same arguments",
+                      file_.parent_path().string(), key, before.dump(), value.dump()));
+  }
+  for (const auto& [name, record] : read["runs"].items()) runs_.emplace(name, record);
+}
+
+const Json* FinishedRuns::find(const std::string& run) const {
+  const auto found = runs_.find(run);
+  return found == runs_.end() ? nullptr : &found->second;
+}
+
+void FinishedRuns::add(const std::string& run, const Json& record) {
+  runs_[run] = record;
+  const fs::path part = file_.string() + ".part";
+  std::ofstream out(part, std::ios::trunc);
+  out << Json{{"what", what_}, {"runs", runs_}}.dump(1, ' ', false, Json::error_handler_t::replace) << '\n';
+  out.close();
+  if (!out) throw std::runtime_error("cannot write " + part.string() + "; check the free disk space");
+  fs::rename(part, file_);
+}
+
+void FinishedRuns::remove_file() const {
+  std::error_code ignored;
+  fs::remove(file_, ignored);
 }
 
 }  // namespace multipanda

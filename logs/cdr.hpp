@@ -68,7 +68,7 @@ class CdrWriter {
   }
   template <RosMessage M>
   void put(const M& message) {
-    std::apply([this](const auto&... field) { (put(field), ...); }, message.fields());
+    std::apply([this](const auto&... field) { (this->put(field), ...); }, message.fields());
   }
   template <typename Range>
   void put_elements(const Range& values) {
@@ -123,7 +123,7 @@ class CdrReader {
   }
   template <RosMessage M>
   void get(M& message) {
-    std::apply([this](auto&... field) { (get(field), ...); }, message.fields());
+    std::apply([this](auto&... field) { (this->get(field), ...); }, message.fields());
   }
   template <typename Range>
   void get_elements(Range& values) {

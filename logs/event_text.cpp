@@ -1,18 +1,20 @@
 #include "logs/event_text.hpp"
 
+#include <array>
 #include <charconv>
+#include <cmath>
+#include <cstdio>
 
-#include "core/state/arm_mode_name.hpp"
+#include "core/state/arm_state.hpp"
 
 namespace multipanda {
 namespace {
 
-std::string joined(const std::vector<std::string>& names) {
+constexpr std::array<std::string_view, 3> kGoalEnds = {"force_n", "torque_nm", "distance_m"};
+
+std::string listed(const std::vector<std::string>& names) {
   std::string out;
-  for (const std::string& name : names) {
-    if (!out.empty()) out += ", ";
-    out += name;
-  }
+  for (const std::string& name : names) out += (out.empty() ? "" : ", ") + name;
   return out.empty() ? "none" : out;
 }
 
@@ -24,22 +26,6 @@ std::string numbers(const Event& event) {
     out.append(text, std::to_chars(text, text + sizeof(text), event.values[i]).ptr);
   }
   return out;
-}
-
-Pose take_pose(const double* v) { return Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6])); }
-
-// Mass, center of mass and, if present, inertia (xx xy xz yy yz zz). Without inertia, the one of `before` is
-// kept if mass and center are the same.
-Load take_load(const double* v, bool with_inertia, const Load& before) {
-  Load load;
-  load.mass = v[0];
-  load.p_FC = {v[1], v[2], v[3]};
-  if (with_inertia) {
-    load.inertia_C << v[4], v[5], v[6], v[5], v[7], v[8], v[6], v[8], v[9];
-  } else if (load.mass == before.mass && load.p_FC == before.p_FC) {
-    load.inertia_C = before.inertia_C;
-  }
-  return load;
 }
 
 }  // namespace
@@ -66,6 +52,8 @@ std::string_view to_string(EventKind kind) {
       return "arm_config";
     case EventKind::arm_mode:
       return "arm_mode";
+    case EventKind::goal_ended:
+      return "goal_ended";
   }
   return "unknown";
 }
@@ -103,25 +91,16 @@ std::string EventText::item_name(const Event& event) const {
     case EventKind::feature_set:
       return event.index < instance.features.size() ? instance.features[event.index] : std::string();
     case EventKind::target_set:
+    case EventKind::goal_ended:
       return event.index < instance.inputs.size() ? instance.inputs[event.index].name : std::string();
     default:
       return {};
   }
 }
 
-bool read_arm_config(const Event& event, ArmFrames& frames, Load& tool, Load& load) {
-  // Two poses, two bodies: 7 + 7 + 4 + 4 numbers, and 6 more for each body if its inertia is included.
-  if (event.kind != EventKind::arm_config || (event.size != 22 && event.size != 34)) return false;
-  const bool with_inertia = event.size == 34;
-  frames = {take_pose(&event.values[0]), take_pose(&event.values[7])};
-  tool = take_load(&event.values[14], with_inertia, tool);
-  load = take_load(&event.values[with_inertia ? 24 : 18], with_inertia, load);
-  return true;
-}
-
 std::string EventText::of_switch(const Event& event) const {
-  const std::string started = joined(instance_names(event.started)),
-                    stopped = joined(instance_names(event.stopped));
+  const std::string started = listed(instance_names(event.started)),
+                    stopped = listed(instance_names(event.stopped));
   if (event.kind != EventKind::switched) {
     return "refused (" + std::string(to_string(event.verdict)) + "): start " + started + "; stop " + stopped;
   }
@@ -146,20 +125,30 @@ std::string EventText::of(const Event& event) const {
     case EventKind::target_set:
       text = item + " to " + numbers(event);
       break;
+    case EventKind::goal_ended: {
+      const auto cause = static_cast<std::size_t>(event.values[0]);
+      const bool known = std::isfinite(event.values[1]);
+      std::array<char, 64> values{};
+      std::snprintf(values.data(), values.size(), known ? " %.3g of %.3g" : " not known", event.values[1],
+                    event.values[2]);
+      text =
+          item + " ended by " + std::string(kGoalEnds.at(cause)) + values.data() + " (" + listed(arms) + ")";
+      break;
+    }
     case EventKind::feature_set:
       text = item + (event.values[0] != 0 ? " on" : " off");
       break;
     case EventKind::stopped:
-      text = "stop: " + joined(arms);
+      text = "stop: " + listed(arms);
       break;
     case EventKind::resumed:
-      text = "resume: " + joined(arms);
+      text = "resume: " + listed(arms);
       break;
     case EventKind::arm_mode:
-      text = joined(arms) + ": " + std::string(to_string(static_cast<ArmMode>(event.index)));
+      text = listed(arms) + ": " + std::string(to_string(static_cast<ArmMode>(event.index)));
       break;
     case EventKind::intervention:
-      text = joined(arms) + ": " + std::string(to_string(event.intervention));
+      text = listed(arms) + ": " + std::string(to_string(event.intervention));
       if (event.instance != 0xFFFF) text += " by " + instance_name(event.instance);
       break;
     default:

@@ -5,20 +5,15 @@
 #include <string_view>
 #include <vector>
 
-#include "core/record/cycle_record.hpp"
-#include "core/state/arm_state.hpp"
+#include "core/record/arm_config.hpp"
 
-// Turns events into messages: numbers into names and sentences. The message types are the log's own structs
-// or the ROS ones, generated from the same definitions. The caller sets the stamps.
+// Turns events into messages: numbers become names and sentences. Message types are the log's structs or the
+// ROS ones, generated from the same definitions. The caller sets the stamps.
 namespace multipanda {
 
 std::string_view to_string(EventKind kind);
 
-// Reads an arm_config event. Returns false and changes nothing for any other event. A body's inertia stays if
-// the event has none and mass and center are the same.
-bool read_arm_config(const Event& event, ArmFrames& frames, Load& tool, Load& load);
-
-// The names behind an event's numbers; empty: none.
+// Names of the numbers in an event; empty: none.
 class EventText {
  public:
   explicit EventText(const RecordLayout& layout) : layout_(layout) {}  // the layout must outlive this object
@@ -29,7 +24,7 @@ class EventText {
   std::vector<std::string> instance_names(std::uint64_t bits) const;
   std::string item_name(const Event& event) const;  // parameter, feature or input
 
-  // Human-readable sentences.
+  // Event descriptions.
   std::string of_switch(const Event& event) const;  // switched, switch_refused
   std::string of(const Event& event) const;         // all others
 
@@ -49,7 +44,7 @@ class EventText {
       if ((event.arms >> i & 1u) == 0) continue;
       out.arms.push_back(layout_.arms[i].name);
       const bool known = event.size >= 2 * (i + 1);
-      out.torque_step_wanted.push_back(known ? event.values[2 * i] : kUnknown);
+      out.torque_step_computed.push_back(known ? event.values[2 * i] : kUnknown);
       out.torque_step.push_back(known ? event.values[2 * i + 1] : kUnknown);
     }
   }

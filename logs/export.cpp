@@ -2,18 +2,127 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cstdint>
 #include <fstream>
 #include <map>
+#include <optional>
 #include <set>
 #include <stdexcept>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <variant>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
-#include "logs/flatten.hpp"
+#include "logs/cdr.hpp"
+#include "logs/mcap_reader.hpp"
+#include "logs/messages.hpp"
 #include "logs/npz.hpp"
 
 namespace multipanda {
 namespace {
+
+// One field of a message as plain values, for tables and arrays. Nested messages become fields "outer_inner".
+// Points, vectors and quaternions (x y z w) become one field of 3 or 4 numbers, times become seconds, and
+// lists of strings become one string, a JSON array.
+struct FlatField {
+  std::string name;
+  std::variant<std::vector<double>, std::vector<std::int64_t>, std::string> values;
+  bool list = false;               // a sequence of any length
+  std::string unit;                // as in a column's name: "rad_per_s"; empty: none
+  std::vector<std::string> parts;  // names of the numbers of a point, vector or quaternion: x y z
+};
+
+// Calls visit(index, field) for every field.
+template <typename M, typename Visitor>
+void for_each_field(const M& message, Visitor&& visit) {
+  std::apply(
+      [&](const auto&... field) {
+        std::size_t i = 0;
+        (visit(i++, field), ...);
+      },
+      message.fields());
+}
+
+// Takes the first of several units, separated by commas.
+std::string take_unit(std::string_view& units) {
+  const std::size_t end = std::min(units.find(','), units.size());
+  std::string unit(units.substr(0, end));
+  units.remove_prefix(std::min(end + 1, units.size()));
+  return unit;
+}
+
+template <typename T>
+struct IsSequence : std::false_type {};
+template <typename T>
+struct IsSequence<std::vector<T>> : std::true_type {};
+
+// Messages whose fields are all float64: point, vector, quaternion.
+template <typename M>
+constexpr bool kIsTuple = false;
+template <>
+constexpr bool kIsTuple<msg::Point> = true;
+template <>
+constexpr bool kIsTuple<msg::Vector3> = true;
+template <>
+constexpr bool kIsTuple<msg::Quaternion> = true;
+
+// `units`: units of the enclosing field's quantities, in order; the fields of this message then have none.
+template <typename M>
+void flatten_into(const M& message, const std::string& prefix, std::string_view units,
+                  std::vector<FlatField>& out) {
+  for_each_field(message, [&]<typename F>(std::size_t i, const F& field) {
+    FlatField flat{prefix + std::string(M::kFields[i]), {}, IsSequence<F>::value, {}, {}};
+    if constexpr (RosMessage<F> && !kIsTuple<F> && !std::is_same_v<F, msg::Time>) {
+      flatten_into(field, flat.name + "_", M::kUnits[i], out);
+      return;
+    } else if constexpr (std::is_same_v<F, msg::Time>) {
+      flat.values = std::vector<double>{static_cast<double>(field.sec) + 1e-9 * field.nanosec};
+      flat.unit = "s";
+    } else if constexpr (std::is_same_v<F, std::string>) {
+      flat.values = field;
+    } else if constexpr (std::is_same_v<F, std::vector<std::string>>) {
+      flat.list = false;  // one text
+      flat.values = nlohmann::json(field).dump();
+    } else if constexpr (std::is_floating_point_v<F>) {
+      flat.values = std::vector<double>{field};
+    } else if constexpr (std::is_integral_v<F>) {
+      flat.values = std::vector<std::int64_t>{static_cast<std::int64_t>(field)};
+    } else if constexpr (kIsTuple<F>) {
+      std::vector<double> numbers;
+      for_each_field(field, [&](std::size_t, double value) { numbers.push_back(value); });
+      flat.values = std::move(numbers);
+      flat.parts.assign(F::kFields.begin(), F::kFields.end());
+    } else if constexpr (std::is_floating_point_v<typename F::value_type>) {
+      flat.values = std::vector<double>(field.begin(), field.end());
+    } else {
+      flat.values = std::vector<std::int64_t>(field.begin(), field.end());
+    }
+    if (flat.unit.empty()) flat.unit = M::kUnits[i].empty() ? take_unit(units) : M::kUnits[i];
+    out.push_back(std::move(flat));
+  });
+}
+
+template <typename M>
+bool flatten_as(const mcap::Schema& schema, mcap::Bytes cdr, std::vector<FlatField>& out) {
+  if (!holds<M>(schema)) return false;
+  flatten_into(from_cdr<M>(cdr), "", {}, out);
+  return true;
+}
+
+// The message's fields in the order of its definition; nothing for an unknown message type.
+// Throws std::runtime_error for a damaged message, and for a known type with another definition
+// (a log of another version).
+std::optional<std::vector<FlatField>> flatten(const mcap::Schema& schema, mcap::Bytes cdr) {
+  std::vector<FlatField> out;
+  const bool known = [&]<typename... M>(std::type_identity<std::tuple<M...>>) {
+    return (flatten_as<M>(schema, cdr, out) || ...);
+  }(std::type_identity<msg::OwnMessages>{});
+  if (!known) return std::nullopt;
+  return out;
+}
 
 using Numbers = std::vector<double>;
 using Integers = std::vector<std::int64_t>;
@@ -85,9 +194,10 @@ std::string as_json(const std::vector<FlatField>& fields) {
   return object.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
-// Reads the log once and hands each readable message to `visit(topic, schema name, fields)`.
+// Reads the log once, hands each readable message to `visit(topic, schema name, fields)`, and returns the
+// log's topics.
 template <typename Visit>
-void read_log(const std::filesystem::path& log, std::vector<std::string>* notes, Visit&& visit) {
+std::string read_log(const std::filesystem::path& log, std::vector<std::string>* notes, Visit&& visit) {
   McapReader reader(log);
   std::set<std::string> unknown;
   while (const auto message = reader.next()) {
@@ -98,7 +208,7 @@ void read_log(const std::filesystem::path& log, std::vector<std::string>* notes,
       unknown.insert(message->channel->topic + " (" + message->schema->name + ")");
     }
   }
-  if (notes == nullptr) return;
+  if (notes == nullptr) return reader.topics_text();
   for (const std::string& topic : unknown) notes->push_back("not exported, unknown message type: " + topic);
   if (!reader.complete()) {
     notes->push_back(
@@ -107,33 +217,39 @@ void read_log(const std::filesystem::path& log, std::vector<std::string>* notes,
   if (reader.damaged_records() > 0) {
     notes->push_back(std::to_string(reader.damaged_records()) + " damaged records are left out");
   }
+  return reader.topics_text();
 }
 
 std::map<std::string, Table> measure(const std::filesystem::path& log, ExportResult& result) {
   std::map<std::string, Table> tables;
-  read_log(log, &result.notes, [&](const std::string& topic, const std::string& type, const auto& fields) {
-    Table& table = tables[topic];
-    if (table.rows == 0) {
-      table.topic = topic;
-      table.json = happens_now_and_then(type);
-      for (const FlatField& field : fields) {
-        table.columns.push_back(
-            {field.name == "stamp" ? "t" : field.name, kind_of(field), 0, false, field.unit, field.parts});
-      }
-      if (table.json) table.columns.push_back({"json", NpzWriter::Kind::text, 0, false, {}, {}});
-    }
-    for (std::size_t i = 0; i < fields.size(); ++i) {
-      table.columns[i].width = std::max(table.columns[i].width, width_of(fields[i]));
-      table.columns[i].matrix =
-          fields[i].list || (kind_of(fields[i]) != NpzWriter::Kind::text && width_of(fields[i]) > 1);
-    }
-    if (table.json) {
-      table.columns.back().width = std::max(table.columns.back().width, code_point_count(as_json(fields)));
-    }
-    ++table.rows;
-    ++result.messages;
-  });
-  if (tables.empty()) throw std::runtime_error(log.string() + " has no message to export");
+  const std::string topics = read_log(
+      log, &result.notes, [&](const std::string& topic, const std::string& type, const auto& fields) {
+        Table& table = tables[topic];
+        if (table.rows == 0) {
+          table.topic = topic;
+          table.json = happens_now_and_then(type);
+          for (const FlatField& field : fields) {
+            table.columns.push_back({field.name == "stamp" ? "t" : field.name, kind_of(field), 0, false,
+                                     field.unit, field.parts});
+          }
+          if (table.json) table.columns.push_back({"json", NpzWriter::Kind::text, 0, false, {}, {}});
+        }
+        for (std::size_t i = 0; i < fields.size(); ++i) {
+          table.columns[i].width = std::max(table.columns[i].width, width_of(fields[i]));
+          table.columns[i].matrix =
+              fields[i].list || (kind_of(fields[i]) != NpzWriter::Kind::text && width_of(fields[i]) > 1);
+        }
+        if (table.json) {
+          table.columns.back().width =
+              std::max(table.columns.back().width, code_point_count(as_json(fields)));
+        }
+        ++table.rows;
+        ++result.messages;
+      });
+  if (tables.empty()) {
+    throw std::runtime_error(log.string() + " has no message to export: expected those of a run, such as " +
+                             std::string(msg::ArmState::kType) + "; its topics: " + topics);
+  }
   return tables;
 }
 
@@ -187,7 +303,7 @@ ExportResult export_csv(const std::filesystem::path& log, const std::filesystem:
     file << line << '\n';
   }
   read_log(log, nullptr, [&](const std::string& topic, const std::string&, const auto& fields) {
-    if (!tables.contains(topic)) return;  // the log grew since it was measured
+    if (!tables.contains(topic)) return;  // the log grew after the first pass
     const Table& table = tables.at(topic);
     std::string line;
     bool first = true;
@@ -231,7 +347,9 @@ ExportResult export_npz(const std::filesystem::path& log, const std::filesystem:
   NpzWriter writer(file, std::move(arrays));
   std::map<std::string, std::size_t> rows;
   read_log(log, nullptr, [&](const std::string& topic, const std::string&, const auto& fields) {
-    if (!tables.contains(topic) || rows[topic]++ >= tables.at(topic).rows) return;  // the log grew since then
+    if (!tables.contains(topic) || rows[topic]++ >= tables.at(topic).rows)
+      return;  // the log grew after the first
+               // pass
     std::size_t array = first_array.at(topic);
     for (const FlatField& field : fields) {
       std::visit([&](const auto& values) { writer.add(array, values); }, field.values);

@@ -29,7 +29,7 @@ FIELD = re.compile(r"(?P<type>[\w/]+)(?P<array>\[(?P<size>\d*)\])?\s+(?P<name>\w
 
 
 def unit_suffix(unit):
-    """A unit as it ends a column's name: "N m/s" is nm_per_s. Quaternions have none."""
+    """A unit as suffix of a column name: "N m/s" becomes nm_per_s. Quaternions have none."""
     over, _, under = unit.strip().partition("/")
     name = over.lower().replace("n m", "nm").replace("^", "").replace(" ", "_")
     return "" if name == "quaternion" else f"{name}_per_{under}" if under else name

@@ -8,7 +8,7 @@
 namespace multipanda {
 namespace {
 
-constexpr std::array<std::pair<std::string_view, std::uint64_t LogEvery::*>, 8> kGroups{
+constexpr std::array<std::pair<std::string_view, std::uint64_t LogEvery::*>, 9> kGroups{
     {{"state", &LogEvery::state},
      {"command", &LogEvery::command},
      {"wrench", &LogEvery::wrench},
@@ -16,6 +16,7 @@ constexpr std::array<std::pair<std::string_view, std::uint64_t LogEvery::*>, 8> 
      {"outputs", &LogEvery::outputs},
      {"timing", &LogEvery::timing},
      {"model", &LogEvery::model},
+     {"report", &LogEvery::report},
      {"objects", &LogEvery::objects}}};
 constexpr std::uint64_t kMost = 1'000'000;
 

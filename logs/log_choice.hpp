@@ -9,19 +9,19 @@
 
 namespace multipanda {
 
-// How often a log has each kind of the messages that a cycle brings: every Nth cycle; 0: never. Events,
-// switches, interventions, episodes and arms' configurations are always whole.
+// How often a log contains each kind of per-cycle message: every Nth cycle; 0: never. Events, switches,
+// interventions, episodes and arm configurations are always complete.
 struct LogEvery {
   std::uint64_t state = 1, command = 1, wrench = 1, references = 1, outputs = 1, timing = 1;
-  std::uint64_t model = 10, objects = 16;
+  std::uint64_t model = 10, report = 10, objects = 16;
 
   // "state=10", "all=100". Throws std::invalid_argument that says what is expected.
   void set(const std::string& choice);
-  // "state=10 command=0": what differs from the default; empty: nothing.
+  // "state=10 command=0": differences from the default; empty: none.
   std::string text() const;
 };
 
-// Marks in a log where a person or a program began and judged an attempt at a task.
+// Marks in a log the beginning and the result of an attempt at a task.
 struct EpisodeMark {
   enum class Kind : std::uint8_t { start, success, failure, discard };
   Kind kind = Kind::start;

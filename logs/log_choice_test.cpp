@@ -17,7 +17,7 @@ TEST(LogEvery, TakesGroupsOneAfterTheOther) {
   EXPECT_EQ(every.timing, 0u);
   EXPECT_EQ(every.model, 100u);
   EXPECT_EQ(every.text(),
-            "command=100 wrench=100 references=100 outputs=100 timing=0 model=100 "
+            "command=100 wrench=100 references=100 outputs=100 timing=0 model=100 report=100 "
             "objects=100");
 }
 

@@ -186,7 +186,7 @@ EncodedChunk encode_chunk(std::string_view records, const ChunkIndexEntries& ent
 
   const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(), &ZSTD_freeCCtx);
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel,
-                         1);  // fast, since an unpaced loop runs up to 20 times faster than real time
+                         1);  // fast: an unpaced loop runs up to 20 times faster than real time
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_checksumFlag, 1);
   std::string compressed(ZSTD_compressBound(records.size()), '\0');
   const std::size_t size =
@@ -210,7 +210,7 @@ DecodedChunk decode_chunk(Bytes content) {
   if (chunk.info.compression.empty()) {
     chunk.records.assign(reinterpret_cast<const char*>(chunk.compressed.data()), chunk.compressed.size());
   } else if (chunk.info.compression == "zstd") {
-    // A damaged size must not request all memory: zstd never expands by more than about 2^15.
+    // A damaged size must not request all memory: zstd expands by at most about 2^15.
     if (chunk.info.uncompressed_size >> 15 > chunk.info.compressed_size + 1) {
       throw std::runtime_error("MCAP: implausible size of a chunk");
     }

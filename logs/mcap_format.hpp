@@ -144,7 +144,7 @@ struct IndexEntry {
 };
 using ChunkIndexEntries = std::map<std::uint16_t, std::vector<IndexEntry>>;  // by channel
 
-// A chunk in the file, as the summary lists it.
+// An entry of the summary about a chunk in the file.
 struct ChunkInfo {
   std::uint64_t start_ns = 0, end_ns = 0;
   std::uint64_t compressed_size = 0, uncompressed_size = 0;
@@ -211,7 +211,7 @@ struct EncodedChunk {
   std::uint64_t chunk_length = 0;
   std::vector<std::uint64_t> index_lengths;
 };
-// `records`: the messages' records; compressed with zstd, whose own checksum guards the content.
+// `records`: the messages' records; compressed with zstd, whose checksum protects the content.
 EncodedChunk encode_chunk(std::string_view records, const ChunkIndexEntries& entries);
 // The same for content that is already compressed (repair).
 EncodedChunk wrap_chunk(std::string_view compressed, const ChunkInfo& info, const ChunkIndexEntries& entries);

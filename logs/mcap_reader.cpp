@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <set>
 
 namespace multipanda {
 
@@ -23,12 +24,51 @@ McapScanner::McapScanner(const std::filesystem::path& path) : file_(std::fopen(p
 
 std::optional<McapScanner::Record> McapScanner::next() {
   if (complete_) return std::nullopt;
+  if (auto record = next_here()) return record;
+  return next_chunk();
+}
+
+// The first whole chunk behind the place where no record is. Its own content proves it to be one.
+std::optional<McapScanner::Record> McapScanner::next_chunk() {
+  const std::uint64_t start = offset_;
+  std::string block(1 << 20, '\0');
+  const auto seek = [&](std::uint64_t to) {
+    return ::fseeko(file_.get(), static_cast<off_t>(to), SEEK_SET) == 0;
+  };
+  for (std::uint64_t at = start + 1; at + mcap::kRecordHead < size_;) {
+    if (!seek(at)) break;
+    const std::size_t got = std::fread(block.data(), 1, block.size(), file_.get());
+    if (got <= mcap::kRecordHead) break;
+    const std::string_view bytes(block.data(), got);
+    for (std::size_t i = 0; i + mcap::kRecordHead <= got; ++i) {
+      i = bytes.find(static_cast<char>(Opcode::chunk), i);
+      if (i == bytes.npos || i + mcap::kRecordHead > got) break;
+      const auto length = Decoder(mcap::as_bytes(bytes.substr(i + 1))).get<std::uint64_t>();
+      if (length > size_ - at - i - mcap::kRecordHead) continue;
+      offset_ = at + i;
+      if (!seek(offset_)) break;
+      const auto record = next_here();
+      try {
+        if (record && !mcap::decode_chunk(record->content).records.empty()) {
+          ++gaps_;
+          return record;
+        }
+      } catch (const std::runtime_error&) {  // only looks like a chunk
+      }
+    }
+    at += got - mcap::kRecordHead + 1;  // a head may lie across two blocks
+  }
+  offset_ = start;
+  return std::nullopt;
+}
+
+std::optional<McapScanner::Record> McapScanner::next_here() {
   std::array<std::uint8_t, mcap::kRecordHead> head{};
   if (std::fread(head.data(), 1, head.size(), file_.get()) != head.size()) return std::nullopt;
   Decoder in(head);
   const auto opcode = in.get<std::uint8_t>();
   const auto length = in.get<std::uint64_t>();
-  // Opcode 0 does not exist: these are zeros of a block that never reached the disk.
+  // Opcode 0 does not exist: zeros from a block that never reached the disk.
   if (opcode == 0 || offset_ + head.size() > size_ || length > size_ - offset_ - head.size())
     return std::nullopt;
   content_.resize(static_cast<std::size_t>(length));
@@ -53,8 +93,8 @@ std::optional<McapReader::Message> McapReader::next() {
       if (record->opcode == Opcode::chunk) {
         chunk_ = mcap::decode_chunk(record->content).records;
         chunk_offset_ = 0;
-      } else if (record->opcode ==
-                 Opcode::message) {  // outside of chunks: we do not write this, but the format allows it
+      } else if (record->opcode == Opcode::message) {  // outside of chunks: not written by this program, but
+                                                       // the format allows it
         chunk_ = mcap::record(
             Opcode::message, {reinterpret_cast<const char*>(record->content.data()), record->content.size()});
         chunk_offset_ = 0;
@@ -65,6 +105,17 @@ std::optional<McapReader::Message> McapReader::next() {
       ++damaged_;
     }
   }
+}
+
+std::string McapReader::topics_text() const {
+  std::set<std::string> topics;
+  for (const auto& [id, channel] : channels_) {
+    const auto schema = schemas_.find(channel.schema);
+    topics.insert(channel.topic + (schema == schemas_.end() ? "" : " (" + schema->second.name + ")"));
+  }
+  std::string text;
+  for (const std::string& topic : topics) text += (text.empty() ? "" : ", ") + topic;
+  return text.empty() ? "none" : text;
 }
 
 void McapReader::take(Opcode opcode, mcap::Bytes content) {
@@ -109,7 +160,7 @@ std::optional<McapReader::Message> McapReader::next_in_chunk() {
                      static_cast<std::int64_t>(message.log_time_ns), message.data};
     } catch (const std::runtime_error&) {
       ++damaged_;
-      // A record without a valid length ends the chunk: the following records are lost with it.
+      // A record without a valid length ends the chunk: the records after it are lost.
       if (chunk_offset_ == before) chunk_offset_ = bytes.size();
     }
   }

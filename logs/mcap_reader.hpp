@@ -13,7 +13,8 @@
 
 namespace multipanda {
 
-// The records of an MCAP file in order, as far as they are complete. Needs neither index nor footer.
+// The records of an MCAP file in order, as far as they are complete. Needs neither index nor footer. Where a
+// record's head is damaged, the next whole chunk follows.
 class McapScanner {
  public:
   // Throws std::runtime_error if the file cannot be opened or does not start like an MCAP file.
@@ -24,23 +25,26 @@ class McapScanner {
     std::uint64_t offset;  // of its head in the file
     mcap::Bytes content;   // valid until the next call
   };
-  std::optional<Record> next();  // nothing: the end, or the first incomplete record
+  std::optional<Record> next();  // none: nothing whole is left
 
   bool complete() const { return complete_; }            // ended with a footer
-  std::uint64_t whole_bytes() const { return offset_; }  // up to here the records are complete
+  std::uint64_t whole_bytes() const { return offset_; }  // size of the complete records
   std::uint64_t file_bytes() const { return size_; }
+  std::uint64_t gaps() const { return gaps_; }  // places that were skipped
 
  private:
   struct Close {
     void operator()(std::FILE* file) const { std::fclose(file); }
   };
+  std::optional<Record> next_here();
+  std::optional<Record> next_chunk();
   std::unique_ptr<std::FILE, Close> file_;
-  std::uint64_t size_ = 0, offset_ = 0;
+  std::uint64_t size_ = 0, offset_ = 0, gaps_ = 0;
   bool complete_ = false;
   std::vector<std::uint8_t> content_;
 };
 
-// Whether `schema` is that of message M. Throws std::runtime_error if it has M's name and other fields: the
+// Whether `schema` is that of message M. Throws std::runtime_error if it has M's name but other fields: the
 // log comes from another version.
 template <typename M>
 bool holds(const mcap::Schema& schema) {
@@ -73,10 +77,13 @@ class McapReader {
   const std::vector<mcap::Attachment>& attachments() const { return attachments_; }
   const std::map<std::uint16_t, mcap::Channel>& channels() const { return channels_; }
   const std::map<std::uint16_t, mcap::Schema>& schemas() const { return schemas_; }
+  // "/joints (sensor_msgs/msg/JointState), /tf (...)" or "none".
+  std::string topics_text() const;
 
   // Valid after the last message.
-  bool complete() const { return scanner_.complete(); }       // false: no footer, see repair()
-  std::uint64_t damaged_records() const { return damaged_; }  // skipped: unreadable inside the file
+  bool complete() const { return scanner_.complete(); }  // false: no footer, see repair()
+  // Skipped because unreadable: records, chunks, gaps between them.
+  std::uint64_t damaged_records() const { return damaged_ + scanner_.gaps(); }
   std::uint64_t missing_bytes() const {
     return scanner_.file_bytes() - scanner_.whole_bytes();
   }  // at the end

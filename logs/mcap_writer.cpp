@@ -16,8 +16,8 @@ McapWriter::McapWriter(const std::filesystem::path& path, const Options& options
     throw std::runtime_error("cannot create the log " + path.string() + ": " + std::strerror(errno) +
                              "; choose another folder or make this one writable");
   }
-  // Tells repair() that a writer is active; released when this process ends in any way. File systems without
-  // locks lose only that warning.
+  // Tells repair() that a writer is active; released when this process ends for any reason. Without file
+  // locks only that warning is lost.
   (void)!::flock(file_, LOCK_EX | LOCK_NB);
   pending_ = std::string(mcap::kMagic) + mcap::header_record("multipanda");
   append_pending_and({});
@@ -134,7 +134,7 @@ bool McapWriter::append_pending_and(std::string_view bytes) {
 bool McapWriter::reserve(std::uint64_t end) {
   rlimit limit{};
   if (::getrlimit(RLIMIT_FSIZE, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY && end > limit.rlim_cur) {
-    fail("writing", EFBIG);  // write() would raise a signal
+    fail("writing", EFBIG);  // avoids the signal that write() would raise
     return false;
   }
   const auto from = static_cast<off_t>(status_.bytes);
@@ -149,7 +149,7 @@ bool McapWriter::reserve(std::uint64_t end) {
 bool McapWriter::append(std::string_view bytes, bool keep_reserve) {
   if (broken_ || file_ < 0) return false;
   if (bytes.empty()) return true;
-  // Spare space for the final record of missing messages and one more chunk index.
+  // Space for the final record of missing messages and one more chunk index.
   constexpr std::size_t kSpare = 64u << 10;
   const std::uint64_t end =
       status_.bytes + bytes.size() + (keep_reserve ? summary_.size_bound() + kSpare : 0);

@@ -13,10 +13,10 @@
 
 namespace multipanda {
 
-// What a writer has done so far.
+// State of a writer.
 struct WriterStatus {
   std::uint64_t messages_written = 0;  // in complete chunks in the file
-  std::uint64_t messages_lost = 0;     // their chunk, or a record that they need, could not be written
+  std::uint64_t messages_lost = 0;     // their chunk, or a record that they depend on, could not be written
   std::uint64_t bytes = 0;             // size of the file
   bool closed = false;                 // index and footer are in the file
   std::string error;                   // first failure, with the operating system's text; empty: none
@@ -63,7 +63,7 @@ class McapWriter {
   // `cdr`: one serialized message. Negative times are written as 0, since MCAP has none.
   void write_bytes(std::uint16_t channel, std::int64_t log_time_ns, std::span<const std::uint8_t> cdr);
 
-  void flush_if_due();  // call regularly, so that the last messages of a slow topic reach the file in time
+  void flush_if_due();  // call regularly, so that the last messages of slow topics reach the file in time
   void flush();
 
   // Ends the chunk and writes index and footer. A second call does nothing.
@@ -79,7 +79,7 @@ class McapWriter {
 
   Options options_;
   int file_ = -1;
-  bool broken_ = false;  // a partial record could not be removed: nothing more can follow it
+  bool broken_ = false;  // a partial record could not be removed: nothing can be appended
   WriterStatus status_;
   mcap::Summary summary_;
   std::string pending_;  // magic, header, definitions: not yet in the file

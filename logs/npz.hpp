@@ -10,9 +10,9 @@
 namespace multipanda {
 
 // Writes numpy's .npz: a zip archive of .npy arrays without compression. All shapes are known before the
-// first value, so each array has its place in the file from the start and rows of all arrays may come in any
-// order. Memory use does not grow with the log. Both formats are public: numpy.lib.format, and PKWARE's
-// APPNOTE for zip.
+// first value, so each array has a fixed place in the file and rows of all arrays may come in any order.
+// Memory use does not grow with the log. Both formats are public: numpy.lib.format, and PKWARE's APPNOTE
+// for zip.
 class NpzWriter {
  public:
   enum class Kind { real, integer, text };  // float64, int64, unicode
@@ -60,7 +60,7 @@ class NpzWriter {
 // Code points of a UTF-8 text; bytes that are not UTF-8 become U+FFFD.
 std::u32string code_points(std::string_view utf8);
 
-// Length of code_points(utf8), and what a text array's width has to be.
+// Length of code_points(utf8), the width of a text array.
 inline std::size_t code_point_count(std::string_view utf8) { return code_points(utf8).size(); }
 
 }  // namespace multipanda

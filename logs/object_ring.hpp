@@ -18,7 +18,7 @@ class ObjectRing {
   struct Row {
     std::uint64_t cycle = 0;
     LoopTime t;
-    std::vector<std::optional<Pose>> X_WO;  // by names(); none: nobody knows
+    std::vector<std::optional<Pose>> X_WO;  // in the order of names(); none: unknown
   };
 
   // `every`: cycles, above 0.

@@ -48,7 +48,7 @@ void Recorder::Sink::write_switch(const Event& event) {
   out.stamp = to_time(event.t.ns);
   words_.fill_switch(event, out);
   writer_.write(switch_channel_, log_time(event.t), out);
-  if (event.received.ns == 0) return;  // a switch of the loop itself: there was no request
+  if (event.received.ns == 0) return;  // a switch by the loop itself, without request
 
   msg::SwitchTiming timing;
   timing.stamp = out.stamp;

@@ -27,13 +27,6 @@ msg::Pose to_message(const Pose& X) {
   return out;
 }
 
-msg::Wrench to_message(const std::array<double, 6>& F) {
-  msg::Wrench out;
-  set(out.force, F.data());
-  set(out.torque, F.data() + 3);
-  return out;
-}
-
 // By cycle number, not by count: the same cycles in every run, even if records are lost.
 bool is_due(std::uint64_t every, const CycleRecord& record) {
   return every > 0 && (record.cycle - 1) % every == 0;
@@ -96,12 +89,13 @@ Recorder::Sink::Sink(const std::filesystem::path& log, const RecordLayout& layou
     arm.state_channel = writer_.add_channel<msg::ArmState>(topic + "/state");
     arm.command_channel = writer_.add_channel<msg::ArmCommand>(topic + "/command");
     arm.wrench_channel = writer_.add_channel<msg::ArmWrench>(topic + "/wrench");
+    arm.report_channel = writer_.add_channel<msg::ArmReport>(topic + "/report");
     arm.config_channel = writer_.add_channel<msg::ArmConfig>(topic + "/config");
     if (arms[i].model && options_.every.model > 0) {
       arm.model_channel = writer_.add_channel<msg::ModelSummary>(topic + "/model");
       arm.terms.emplace(arms[i].model);
     }
-    arm.state.arm = arm.command.arm = arm.model.arm = arm.wrench.arm = arm.name;
+    arm.state.arm = arm.command.arm = arm.model.arm = arm.wrench.arm = arm.report.arm = arm.name;
     arms_.push_back(std::move(arm));
   }
   for (std::size_t i = 0; i < arms_.size(); ++i) {
@@ -164,7 +158,7 @@ void Recorder::Sink::write(const CycleRecord& record) {
   ++cycles_;
 }
 
-// The loop drops whole records; the gaps in their numbers show where.
+// The loop drops whole records; gaps in their numbers show where.
 void Recorder::Sink::note_gap(const CycleRecord& record) {
   if (cycles_ == 0) {
     first_start_ = record.start;
@@ -187,12 +181,18 @@ void Recorder::Sink::write_arm(Arm& arm, const ArmSample& sample, const CycleRec
     msg::ArmState& state = arm.state;
     state.stamp = to_time(record.t.ns);
     state.cycle = record.cycle;
-    set_arm_state(state, sample, arm.joint_count);
+    set_measured(state, sample, arm.joint_count);
     writer_.write(arm.state_channel, log_time(record.t), state);
   }
   if (is_due(options_.every.command, record)) write_command(arm, sample, record);
   const bool has_wrench = sample.has_wrench_estimate || sample.has_contact_truth;
   if (has_wrench && is_due(options_.every.wrench, record)) write_wrench(arm, sample, record);
+  if (sample.has_report && is_due(options_.every.report, record)) {
+    arm.report.stamp = to_time(record.t.ns);
+    arm.report.cycle = record.cycle;
+    set_measured(arm.report, sample, arm.joint_count);
+    writer_.write(arm.report_channel, log_time(record.t), arm.report);
+  }
   if (arm.terms && is_due(options_.every.model, record)) write_model(arm, record);
 }
 
@@ -202,7 +202,7 @@ void Recorder::Sink::write_command(Arm& arm, const ArmSample& sample, const Cycl
   command.stamp = to_time(record.t.ns);
   command.cycle = record.cycle;
   command.owner = words_.instance_name(sample.owner);
-  set_arm_command(command, sample, n);
+  set_commanded(command, sample, n);
   command.limited.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
     command.limited[i] = sample.tau_cmd[i] != sample.tau_controllet[i] + sample.tau_feature[i];
@@ -216,12 +216,12 @@ void Recorder::Sink::write_wrench(Arm& arm, const ArmSample& sample, const Cycle
   wrench.cycle = record.cycle;
   wrench.has_estimate = sample.has_wrench_estimate;
   wrench.has_contact_truth = sample.has_contact_truth;
-  wrench.estimated = sample.has_wrench_estimate ? to_message(sample.F_K_W_est) : msg::Wrench{};
-  wrench.contact = sample.has_contact_truth ? to_message(sample.F_K_W_true) : msg::Wrench{};
+  set_field(wrench.estimated, sample.F_K_W_est, arm.joint_count, sample.has_wrench_estimate);
+  set_measured(wrench, sample, arm.joint_count);
   writer_.write(arm.wrench_channel, log_time(record.t), wrench);
 }
 
-// All before the first is written: an arm and the one that stands on it need each other's.
+// All before the first is written: an arm and its carrier need each other's configuration.
 void Recorder::Sink::update_models(const CycleRecord& record) {
   for (std::size_t i = 0; i < arms_.size(); ++i) {
     if (!arms_[i].terms) continue;

@@ -37,16 +37,17 @@ class Recorder::Sink {
     std::string name;
     std::size_t joint_count = 0;
     std::optional<ModelTerms> terms;
-    std::optional<BaseMount> mount;  // none without terms of its carrier
+    std::optional<BaseMount> mount;  // none without the terms of its carrier
     ArmFrames frames;
     Load tool, load;
-    bool configured = false;  // an ArmConfig was written
+    bool configured = false;  // an ArmConfig has been written
     std::uint16_t state_channel = 0, command_channel = 0, model_channel = 0, wrench_channel = 0,
-                  config_channel = 0;
+                  report_channel = 0, config_channel = 0;
     msg::ArmState state;
     msg::ArmCommand command;
     msg::ModelSummary model;
     msg::ArmWrench wrench;
+    msg::ArmReport report;
   };
 
   void describe(const RecorderOptions& options);

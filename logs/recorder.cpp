@@ -89,13 +89,13 @@ void Recorder::mark(const EpisodeMark& mark) {
   marks_.push_back(mark);
 }
 
-// Those that belong before the record of cycle `before`.
+// Those before the record of cycle `before`.
 void Recorder::write_marks(std::uint64_t before) {
   const std::lock_guard lock(marks_mutex_);
   for (; !marks_.empty() && marks_.front().cycle < before; marks_.pop_front()) sink_->write(marks_.front());
 }
 
-// The loop stores a cycle's poses before the next cycle's record, so all of them are there.
+// The loop stores a cycle's poses before the next cycle's record, so all of them are available.
 void Recorder::write_objects(std::uint64_t before) {
   if (objects_ == nullptr) return;
   while (const ObjectRing::Row* row = objects_->front(before)) {
@@ -149,7 +149,7 @@ std::filesystem::path make_run_directory(const std::filesystem::path& directory,
   std::filesystem::create_directories(directory, error);
   std::filesystem::path path = base;
   for (int n = 2; !error && !std::filesystem::create_directory(path, error); ++n) {
-    path = base.string() + "_" + std::to_string(n);  // it exists: two runs in one second
+    path = base.string() + "_" + std::to_string(n);  // exists already: two runs in one second
   }
   if (error) {
     throw std::runtime_error("cannot create the folder " + path.string() + ": " + error.message() +

@@ -32,8 +32,8 @@ struct RecordedArm {
 
 struct RecorderOptions {
   LogEvery every;
-  std::int64_t log_time_offset_ns =
-      0;  // added to loop times; 0 in simulation, so that equal runs give equal logs
+  // Added to loop times; 0 in simulation, so that equal runs give equal logs.
+  std::int64_t log_time_offset_ns = 0;
   std::map<std::string, std::string> info;    // into the metadata record "run": scene, seed, versions, ...
   std::vector<mcap::Attachment> attachments;  // scene file, ...
   ObjectRing* objects = nullptr;              // must outlive the recorder; none: no poses of objects
@@ -47,12 +47,12 @@ struct RecorderStatus {
   std::uint64_t events_lost = 0;
   std::uint64_t objects_lost = 0;  // how often the loop could not store where the objects are
   WriterStatus writer;
-  // Human-readable, one sentence each; empty: nothing is missing.
+  // One sentence each; empty: nothing is missing.
   std::vector<std::string> missing() const;
 };
 
 // Takes the loop's records from a RecordRing and writes them as a log, on its own thread. It may fall behind,
-// fail or stall: the loop never waits for it. Topics and messages: docs/logs.md.
+// fail or stall without delaying the loop. Topics and messages: docs/logs.md.
 class Recorder {
  public:
   // Creates the file and starts the thread. Throws std::runtime_error if the file cannot be created,
@@ -64,7 +64,7 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  // Any thread but the loop's, which must not wait for it. Written after the record of its cycle.
+  // Any thread but the loop's, because it may wait. Written after the record of its cycle.
   void mark(const EpisodeMark& mark);
 
   // Any thread but the loop's. At most about 50 ms old during recording.

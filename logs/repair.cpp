@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <cstring>
 #include <fcntl.h>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <sys/file.h>
@@ -18,8 +19,8 @@ namespace {
 
 using mcap::Opcode;
 
-// A lock held during repair: against an active writer, whose data would go into the replaced file, and
-// against a second repair.
+// Lock held during repair: excludes an active writer, whose data would go into the replaced file, and a
+// second repair.
 class Lock {
  public:
   explicit Lock(const std::filesystem::path& path) : file_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
@@ -83,13 +84,6 @@ std::string_view as_text(mcap::Bytes bytes) {
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-bool ends_with_footer(const std::filesystem::path& path) {
-  McapScanner scanner(path);
-  while (scanner.next()) {
-  }
-  return scanner.complete();
-}
-
 // Schemas and channels may be inside a chunk (other writers do that); messages give the index.
 mcap::ChunkIndexEntries index_of(std::string_view records, mcap::Summary& summary) {
   mcap::ChunkIndexEntries entries;
@@ -106,15 +100,35 @@ mcap::ChunkIndexEntries index_of(std::string_view records, mcap::Summary& summar
   return entries;
 }
 
+// What a log with footer holds; none: it has no footer.
+std::optional<RepairResult> look_through(const std::filesystem::path& path) {
+  RepairResult found;
+  McapScanner scanner(path);
+  mcap::Summary unused;
+  while (const auto record = scanner.next()) {
+    if (record->opcode == Opcode::message) ++found.messages;
+    if (record->opcode != Opcode::chunk) continue;
+    try {
+      for (const auto& entries : index_of(mcap::decode_chunk(record->content).records, unused))
+        found.messages += entries.second.size();
+    } catch (const std::runtime_error&) {
+      ++found.chunks_dropped;
+    }
+  }
+  if (!scanner.complete()) return std::nullopt;
+  found.chunks_dropped += scanner.gaps();
+  return found;
+}
+
 }  // namespace
 
-RepairResult repair_log(const std::filesystem::path& path) {
+RepairResult repair_log(const std::filesystem::path& path, bool closed_stays) {
   RepairResult result;
   const Lock lock(path);
-  if (ends_with_footer(path)) {
+  const auto closed = look_through(path);
+  if (closed && (closed_stays || closed->chunks_dropped == 0)) {
     result.was_complete = true;
-    McapReader reader(path);
-    while (reader.next()) ++result.messages;
+    result.messages = closed->messages;
     return result;
   }
 
@@ -181,7 +195,8 @@ RepairResult repair_log(const std::filesystem::path& path) {
   }
   if (file.size() == mcap::kMagic.size()) file.append(mcap::header_record("multipanda"));
   file.append(summary.encode_end(file.size()));
-  result.bytes_dropped = scanner.file_bytes() - last_kept;
+  if (!closed) result.bytes_dropped = scanner.file_bytes() - last_kept;
+  result.chunks_dropped += scanner.gaps();
   result.messages = summary.messages();
   file.put_in_place();
   return result;

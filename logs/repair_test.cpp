@@ -95,6 +95,49 @@ TEST_F(Repair,
   EXPECT_GT(result.bytes_dropped, 5000u - 3000u);  // the last chunk, cut, may have taken some as its own
 }
 
+// Chunks that cannot be read in the middle of a closed log, whether their content or their head is damaged,
+// are counted and left out; all others are kept.
+TEST_F(Repair, DamageInTheMiddleOfAClosedLogIsCountedAndLeftOut) {
+  std::vector<std::pair<std::size_t, std::size_t>> chunks;  // offset, length
+  {
+    McapScanner scanner(log_);
+    while (const auto record = scanner.next())
+      if (record->opcode == mcap::Opcode::chunk)
+        chunks.emplace_back(record->offset, mcap::kRecordHead + record->content.size());
+  }
+  ASSERT_GT(chunks.size(), 8u);
+  const auto [all, closed] = read(log_);
+  ASSERT_TRUE(closed);
+  const std::size_t per_chunk = all.size() / (chunks.size() - 1);
+  const auto damaged = [&](std::size_t from, std::size_t size, char with) {
+    std::string bytes = whole_;
+    for (std::size_t i = from; i < from + size; ++i) bytes[i] = with;
+    return bytes;
+  };
+  const auto [at, length] = chunks[3];
+  const std::string head_of_another = damaged(at, mcap::kRecordHead, '\x7f');
+  for (const std::string& bytes : {damaged(at + length / 2, 20, '\x55'), damaged(at, mcap::kRecordHead, '\0'),
+                                   damaged(at - 2, 30, '\0'), damaged(at + 1, 8, '\x01'), head_of_another}) {
+    put_content(log_, bytes);
+    const auto before = read(log_).first;
+    EXPECT_GE(before.size() + 2 * per_chunk + 2, all.size());
+    EXPECT_LT(before.size(), all.size());
+    EXPECT_TRUE(repair_log(log_, true).was_complete);  // as asked, a closed log stays
+    EXPECT_EQ(content_of(log_), bytes);
+    const RepairResult result = repair_log(log_);
+    EXPECT_FALSE(result.was_complete);
+    EXPECT_EQ(result.chunks_dropped, 1u);
+    EXPECT_EQ(result.bytes_dropped, 0u);
+    EXPECT_EQ(result.messages, before.size());
+    McapReader reader(log_);
+    while (reader.next()) {
+    }
+    EXPECT_EQ(reader.damaged_records(), 0u);
+    EXPECT_EQ(read(log_), std::make_pair(before, true));
+    EXPECT_TRUE(repair_log(log_).was_complete);
+  }
+}
+
 TEST_F(Repair, RefusesALogThatIsStillBeingWritten) {
   McapWriter writer(log_);
   const std::string before = content_of(log_);

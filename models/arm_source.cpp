@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <stdexcept>
 
-#include "models/to_urdf.hpp"
+#include "models/write_robot.hpp"
 
 namespace multipanda {
 namespace {
 
-// Both ends in the frame of the joint, whose own frame then is the shape's. The description was checked.
+// Both ends in the frame of the joint, which becomes the shape's frame. The description was checked.
 CollisionShape part(const std::string& name, int joint, const Capsule& capsule, const Pose& X_JL) {
   ConvexShape shape;
   shape.kind = ConvexShape::Kind::capsule;
@@ -28,7 +28,7 @@ void add_collision_shapes(const RobotDescription& robot, bool hand, ArmModelSour
       throw std::invalid_argument("model '" + robot.name + "': the hull " + hull_name(k) +
                                   " of the base has " + std::to_string(corners.size()) +
                                   " corners; expected 1 to " + std::to_string(kMaxShapeVertices) +
-                                  ", give it fewer or split it into several hulls");
+                                  ", use fewer corners or split the hull");
     }
     ConvexShape shape;
     shape.kind = ConvexShape::Kind::vertices;

@@ -1,5 +1,3 @@
-#include "models/body_hull.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -28,7 +26,7 @@ double reach_of(const Points& points, const Vector3& d) {
   return most;
 }
 
-// Each three planes meet in a corner, if it is behind all others.
+// Any three planes meet in a corner, if it is behind all others.
 Points corners_of(const std::vector<Plane>& planes) {
   constexpr double kFlat = 1e-6, kOutside = 1e-9, kSame = 1e-6;  // determinant; [m]
   Points corners;
@@ -51,7 +49,7 @@ Points corners_of(const std::vector<Plane>& planes) {
   return corners;
 }
 
-// Faces, edges and corners of the box along the frame's axes, by which parts of machines are mostly cut, then
+// Normals of the faces, edges and corners of a box along the frame's axes, which fit most machine parts, then
 // directions all around.
 const Points& candidates() {
   static const Points kAll = [] {
@@ -70,7 +68,7 @@ const Points& candidates() {
   return kAll;
 }
 
-// Mean width [m], a measure of size: it grows with every body that is contained.
+// Mean width [m], a measure of size: a body that contains another has a larger one.
 double width_of_both(const Points& a, const Points& b) {
   double sum = 0;
   for (const auto& d : even_directions()) sum += std::max(reach_of(a, d), reach_of(b, d));
@@ -81,7 +79,7 @@ double width(const Points& points) { return width_of_both(points, points); }
 }  // namespace
 
 FittedHull fit_hull(const Points& points) {
-  if (points.empty()) throw std::invalid_argument("expected at least one point to fit a hull to");
+  if (points.empty()) throw std::invalid_argument("expected at least one point to fit a hull");
   std::vector<double> reached;  // by the points
   for (const auto& d : candidates()) reached.push_back(reach_of(points, d));
   std::vector<Plane> planes;
@@ -93,7 +91,7 @@ FittedHull fit_hull(const Points& points) {
     planes.push_back({-d, wider - low});
   }
   FittedHull hull{.corners = corners_of(planes)};
-  constexpr double kEqual = 1e-9;  // [m], so that rounding does not choose
+  constexpr double kEqual = 1e-9;  // so that rounding does not decide [m]
   while (true) {
     std::size_t worst = 0;
     hull.excess = -std::numeric_limits<double>::infinity();
@@ -133,8 +131,8 @@ std::vector<FittedHull> fit_hulls(std::vector<Points> shapes, std::size_t most) 
   return hulls;
 }
 
-// The point p of {corner - segment} nearest to the origin, by the pairwise method of Frank and Wolfe: its
-// length is the distance from above, its direction gives one from below.
+// The point p of {corner - segment} nearest to the origin, by the pairwise Frank-Wolfe method: its length
+// bounds the distance from above, its direction from below.
 bool hull_overlaps(const Points& corners, const Vector3& from, const Vector3& to, double radius) {
   constexpr int kRounds = 200;
   Points ends;
@@ -142,7 +140,7 @@ bool hull_overlaps(const Points& corners, const Vector3& from, const Vector3& to
     ends.push_back(corner - from);
     ends.push_back(corner - to);
   }
-  std::vector<double> weight(ends.size(), 0);  // p is the mean of `ends` with these weights
+  std::vector<double> weight(ends.size(), 0);  // p as weighted mean of `ends`
   weight[0] = 1;
   Vector3 p = ends[0];
   for (int k = 0; k < kRounds; ++k) {

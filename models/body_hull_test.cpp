@@ -1,6 +1,4 @@
 // Polytopes around points: containment by brute force, sizes by closed forms.
-#include "models/body_hull.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <random>

@@ -1,10 +1,14 @@
 #include "models/capsule_fit.hpp"
 
 #include <algorithm>
+#include <assimp/Importer.hpp>
+#include <assimp/config.h>
+#include <assimp/scene.h>
 #include <cmath>
 #include <limits>
 #include <random>
 #include <stdexcept>
+#include <string>
 #include <utility>
 
 #include <Eigen/Eigenvalues>
@@ -33,7 +37,7 @@ double support(const Points& points, const Vector3& d) {
   return most;
 }
 
-// The points that are outermost in some direction: enough to compare directions of the axis.
+// The points that are outermost in some direction: sufficient to compare directions of the axis.
 Points outermost(const Points& points) {
   std::vector<std::size_t> kept;
   for (const auto& d : even_directions()) {
@@ -61,7 +65,7 @@ Circle around(const Point2& a, const Point2& b) { return {0.5 * (a + b), 0.5 * (
 Circle around(const Point2& a, const Point2& b, const Point2& c) {
   const Point2 u = b - a, v = c - a;
   const double area = 2 * (u.x() * v.y() - u.y() * v.x());
-  if (std::abs(area) < 1e-18) {  // on a line: the two that are farthest apart
+  if (std::abs(area) < 1e-18) {  // collinear: the two that are farthest apart
     Circle widest = around(a, b);
     for (const Circle& other : {around(a, c), around(b, c)}) {
       if (other.radius > widest.radius) widest = other;
@@ -92,13 +96,14 @@ Circle smallest_circle(const std::vector<Point2>& points) {
 
 // The smallest capsule around the points with its axis along u. Across u it is the smallest circle; a point
 // at the distance d from the axis is inside if the segment reaches to sqrt(r^2 - d^2) before it. A larger
-// radius may need so much less length that the volume is smaller.
+// radius with less length may have a smaller volume.
 FittedCapsule along(const Points& points, const Vector3& u) {
   const Vector3 x = u.unitOrthogonal(), y = u.cross(x);
   std::vector<Point2> flat;
   for (const auto& p : points) flat.emplace_back(x.dot(p), y.dot(p));
   Circle circle = smallest_circle(flat);
-  for (const auto& p : flat) circle.radius = std::max(circle.radius, (p - circle.center).norm());  // rounding
+  for (const auto& p : flat)
+    circle.radius = std::max(circle.radius, (p - circle.center).norm());  // against rounding
   FittedCapsule best;
   double least = std::numeric_limits<double>::infinity();
   for (int k = 0; k < 10; ++k) {
@@ -110,7 +115,7 @@ FittedCapsule along(const Points& points, const Vector3& u) {
       from = std::min(from, t + reach);
       to = std::max(to, t - reach);
     }
-    if (from > to) from = to = 0.5 * (from + to);  // any point between both would do
+    if (from > to) from = to = 0.5 * (from + to);  // any point between is equivalent
     FittedCapsule capsule;
     const Vector3 middle = circle.center.x() * x + circle.center.y() * y;
     capsule.from = middle + from * u;
@@ -122,6 +127,19 @@ FittedCapsule along(const Points& points, const Vector3& u) {
     }
   }
   return best;
+}
+
+void collect(const aiScene& scene, const aiNode& node, const aiMatrix4x4& parent, const Vector3& scale,
+             std::vector<Vector3>& points) {
+  const aiMatrix4x4 X = parent * node.mTransformation;
+  for (unsigned k = 0; k < node.mNumMeshes; ++k) {
+    const aiMesh& mesh = *scene.mMeshes[node.mMeshes[k]];
+    for (unsigned i = 0; i < mesh.mNumVertices; ++i) {
+      const aiVector3D p = X * mesh.mVertices[i];
+      points.push_back(Vector3(p.x, p.y, p.z).cwiseProduct(scale));
+    }
+  }
+  for (unsigned k = 0; k < node.mNumChildren; ++k) collect(scene, *node.mChildren[k], X, scale, points);
 }
 
 }  // namespace
@@ -136,7 +154,7 @@ double FittedCapsule::volume() const {
 }
 
 FittedCapsule fit_capsule(const Points& points) {
-  if (points.empty()) throw std::invalid_argument("expected at least one point to fit a capsule to");
+  if (points.empty()) throw std::invalid_argument("expected at least one point to fit a capsule");
   Points shuffled = points;
   std::shuffle(shuffled.begin(), shuffled.end(), std::mt19937(1));
   const Points few = outermost(shuffled);
@@ -171,14 +189,14 @@ FittedCapsule fit_capsule(const Points& points) {
     }
   }
   FittedCapsule result = along(shuffled, axis);
-  // MuJoCo and the readers of model files know no capsule without length or radius.
+  // MuJoCo and readers of model files reject capsules without length or radius.
   constexpr double kLeastRadius = 1e-3, kLeastLength = 1e-4;  // [m]
   result.radius = std::max(result.radius, kLeastRadius);
   if ((result.to - result.from).norm() < kLeastLength) {
     const Vector3 middle = 0.5 * (result.from + result.to);
     result.from = middle - 0.5 * kLeastLength * axis;
     result.to = middle + 0.5 * kLeastLength * axis;
-    result.radius += 0.5 * kLeastLength;  // what was inside stays inside
+    result.radius += 0.5 * kLeastLength;  // so that contained points stay inside
   }
   for (const auto& d : even_directions()) {
     const double reach = std::max(d.dot(result.from), d.dot(result.to)) + result.radius;
@@ -194,7 +212,7 @@ std::vector<FittedCapsule> fit_capsules(std::vector<Points> shapes, std::size_t 
   for (std::size_t k = 0; k < shapes.size(); ++k) {
     capsules.push_back(fit_capsule(shapes[k]));
     members.push_back({k});
-    shapes[k] = outermost(shapes[k]);  // enough to compare unions
+    shapes[k] = outermost(shapes[k]);  // sufficient to compare unions
   }
   struct Union {
     std::size_t a, b;
@@ -216,7 +234,7 @@ std::vector<FittedCapsule> fit_capsules(std::vector<Points> shapes, std::size_t 
   for (; left > most; --left) {
     const Union best = *std::min_element(unions.begin(), unions.end(),
                                          [](const Union& x, const Union& y) { return x.cost < y.cost; });
-    const auto [a, b] = std::pair(best.a, best.b);
+    const std::size_t a = best.a, b = best.b;
     std::erase_if(unions, [a, b](const Union& u) { return u.a == a || u.b == a || u.a == b || u.b == b; });
     shapes[a].insert(shapes[a].end(), shapes[b].begin(), shapes[b].end());
     shapes[a] = outermost(shapes[a]);
@@ -267,14 +285,30 @@ Points sphere_points(double radius) {
   return points;
 }
 
-double segment_distance(const Vector3& a0, const Vector3& a1, const Vector3& b0, const Vector3& b1) {
-  const Vector3 u = a1 - a0, v = b1 - b0, w = a0 - b0;
-  const double uu = u.squaredNorm(), vv = v.squaredNorm(), uv = u.dot(v), uw = u.dot(w), vw = v.dot(w);
-  const double area = uu * vv - uv * uv;
-  double s = area > 1e-15 ? std::clamp((uv * vw - vv * uw) / area, 0.0, 1.0) : 0.0;
-  const double t = vv > 1e-15 ? std::clamp((uv * s + vw) / vv, 0.0, 1.0) : 0.0;
-  if (uu > 1e-15) s = std::clamp((uv * t - uw) / uu, 0.0, 1.0);
-  return (w + s * u - t * v).norm();
+std::vector<Vector3> mesh_points(const std::filesystem::path& file, const Vector3& scale) {
+  Assimp::Importer importer;
+  // A URDF's mesh is used as written; Collada's "up" only matters for display.
+  importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);
+  const aiScene* scene = importer.ReadFile(file.string(), 0);
+  std::vector<Vector3> points;
+  if (scene != nullptr && scene->mRootNode != nullptr) {
+    collect(*scene, *scene->mRootNode, aiMatrix4x4(), scale, points);
+  }
+  if (points.empty()) {
+    throw std::invalid_argument("the mesh " + file.string() +
+                                " cannot be read: " + importer.GetErrorString());
+  }
+  for (const auto& p : points) {
+    if (!p.allFinite())
+      throw std::invalid_argument("the mesh " + file.string() + " has a point that is not finite");
+  }
+  // In STL files triangles do not share corners.
+  const auto before = [](const Vector3& a, const Vector3& b) {
+    return std::lexicographical_compare(a.begin(), a.end(), b.begin(), b.end());
+  };
+  std::sort(points.begin(), points.end(), before);
+  points.erase(std::unique(points.begin(), points.end()), points.end());
+  return points;
 }
 
 }  // namespace multipanda

@@ -130,26 +130,6 @@ TEST(CapsuleFit, ManyShapesShareFewCapsules) {
   for (const auto& c : capsules) EXPECT_LT(c.radius + (c.to - c.from).norm(), 0.2);  // a cluster each
 }
 
-TEST(CapsuleFit, DistanceOfSegmentsIsThatOfTheirPoints) {
-  Random random(12);
-  for (int k = 0; k < 50; ++k) {
-    const Vector3 a0 = random.vector(1), b0 = random.vector(1);
-    const Vector3 a1 = k % 5 == 0 ? a0 : random.vector(1),
-                  b1 = k % 7 == 0 ? Vector3(b0 + a1 - a0) : random.vector(1);
-    double least = 10;
-    constexpr int kSteps = 300;
-    for (int i = 0; i <= kSteps; ++i) {
-      for (int j = 0; j <= kSteps; ++j) {
-        const Vector3 p = a0 + i * (a1 - a0) / kSteps, q = b0 + j * (b1 - b0) / kSteps;
-        least = std::min(least, (p - q).norm());
-      }
-    }
-    const double d = segment_distance(a0, a1, b0, b1);
-    EXPECT_LE(d, least + 1e-12);
-    EXPECT_NEAR(d, least, 0.02);
-  }
-}
-
 TEST(CapsuleFit, MeshesAreReadAsTheyAreWritten) {
   const std::filesystem::path file = std::filesystem::path(testing::TempDir()) / "capsule_fit_test.obj";
   {

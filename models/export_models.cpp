@@ -3,8 +3,7 @@
 #include <fstream>
 #include <iostream>
 
-#include "models/export_list.hpp"
-#include "models/to_xacro.hpp"
+#include "models/write_robot.hpp"
 
 namespace {
 
@@ -21,8 +20,8 @@ void write(const std::filesystem::path& folder, const std::map<std::string, std:
 }  // namespace
 
 // Writes the URDF and MJCF of the shipped robots into a folder: export_models [FOLDER].
-// Without it into models/generated of the project, and their xacro macros into ros/multipanda_description;
-// tests keep both in step.
+// Default: models/generated of the project, and their xacro macros in ros/multipanda_description; tests check
+// that both are up to date.
 int main(int argc, char** argv) {
   using namespace multipanda;
   try {

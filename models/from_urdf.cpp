@@ -6,18 +6,17 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "models/limit_keys.hpp"
-#include "models/looks.hpp"
+#include "common/own_files.hpp"
+#include "common/spelling.hpp"
+#include "common/text.hpp"
+#include "models/load_parts.hpp"
+#include "models/robot_description.hpp"
 #include "models/urdf_tree.hpp"
-#include "support/own_files.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
 
 [[noreturn]] void refuse(const std::string& why) { throw std::invalid_argument(why); }
-
-std::string in_quotes(const std::string& text) { return "'" + text + "'"; }
 
 Placement placement_of(const Pose& X) { return {X.position, rpy_of(X.rotation)}; }
 
@@ -29,7 +28,7 @@ class ChainReader {
 
   std::vector<AttachedShape> shapes() {
     read();
-    // What base_link is fixed to belongs to the base.
+    // Whatever base_link is fixed to belongs to the base.
     std::string root = chain_.base_link;
     Pose X_BR;
     for (const UrdfJoint* joint = tree_.parent_joint(root); joint != nullptr && joint->type == "fixed";
@@ -37,7 +36,7 @@ class ChainReader {
       X_BR = X_BR * joint->X_PC.inverse();
       root = joint->parent;
     }
-    attach(root, 0, X_BR);
+    attach(root, 0, {{X_BR}});
     return std::move(shapes_);
   }
 
@@ -47,7 +46,7 @@ class ChainReader {
     bodies_.resize(arm_.size() + 1);
     robot_.joints.resize(arm_.size());
     collect(chain_.base_link, 0, Pose{});
-    if (bodies_[0].mass <= 0) {  // does not move: the mass has no effect
+    if (bodies_[0].mass <= 0) {  // fixed: its mass has no effect
       bodies_[0] = {1, Vector3::Zero(), 0.01 * Matrix3::Identity()};
     }
     for (std::size_t i = 1; i < bodies_.size(); ++i) check_body(i);
@@ -88,8 +87,7 @@ class ChainReader {
       if (joint == nullptr) {
         refuse("the link " + in_quotes(chain_.tip_link) + " is not a descendant of " +
                in_quotes(chain_.base_link) + "; its chain ends at " + in_quotes(link) +
-               ". base_link and tip_link name the two ends of one "
-               "arm");
+               ". base_link and tip_link must be the two ends of one arm");
       }
       path_.insert(path_.begin(), joint);
       link = joint->parent;
@@ -158,29 +156,46 @@ class ChainReader {
     return {Quaternion::FromTwoVectors(Vector3::UnitZ(), joint.axis).toRotationMatrix(), Vector3::Zero()};
   }
 
-  // The positions of a joint outside of the arm in which its shapes are seen.
+  // Positions of a joint outside the arm at which its shapes are included.
   std::vector<double> seen_positions(const UrdfJoint& joint) const {
     if (joint.type == "fixed" || is_held(joint)) return {position(joint)};
     if (!joint.lower || !joint.upper) return {position(joint)};
     return {*joint.lower, 0.5 * (*joint.lower + *joint.upper), *joint.upper};
   }
 
-  // As collect, for shapes.
-  void attach(const std::string& link, std::size_t segment, const Pose& X_SL) {
+  using Steps = std::vector<std::vector<Pose>>;
+  // Behind `steps` one more with these poses. A step grows while it is small: poses multiply along a chain.
+  static Steps followed_by(Steps steps, const std::vector<Pose>& poses) {
+    if (steps.back().size() * poses.size() > kMostPoses) {
+      steps.push_back(poses);
+      return steps;
+    }
+    std::vector<Pose> products;
+    for (const Pose& X : steps.back()) {
+      for (const Pose& X_next : poses) products.push_back(X * X_next);
+    }
+    steps.back() = std::move(products);
+    return steps;
+  }
+
+  // As collect(), for shapes.
+  void attach(const std::string& link, std::size_t segment, const Steps& steps) {
     if (const auto found = tree_.collisions.find(link); found != tree_.collisions.end()) {
       for (const UrdfGeometry& shape : found->second)
-        shapes_.push_back({segment, X_SL * shape.X_LG, shape, link});
+        shapes_.push_back({segment, followed_by(steps, {shape.X_LG}), shape, link});
     }
     for (const UrdfJoint* joint : tree_.child_joints(link)) {
       const auto place = std::find(arm_.begin(), arm_.end(), joint);
       if (place != arm_.end()) {
         attach(joint->child, static_cast<std::size_t>(place - arm_.begin()) + 1,
-               axis_frame(*joint).inverse());
+               {{axis_frame(*joint).inverse()}});
         continue;
       }
       const bool on_path = std::find(path_.begin(), path_.end(), joint) != path_.end();
       if (segment == 0 && !on_path && joint->type != "fixed") continue;
-      for (const double at : seen_positions(*joint)) attach(joint->child, segment, X_SL * joint->pose_at(at));
+      std::vector<Pose> poses;
+      for (const double at : seen_positions(*joint)) poses.push_back(joint->pose_at(at));
+      attach(joint->child, segment, followed_by(steps, poses));
     }
   }
 
@@ -194,8 +209,7 @@ class ChainReader {
     if (!is_physical(body)) {
       refuse(what +
              " has an inertia that is not physically consistent (principal moments about the center of mass "
-             "must be "
-             "positive, each below the sum of the other two); correct <inertia> of the link " +
+             "must be positive, each below the sum of the other two); correct <inertia> of the link " +
              in_quotes(arm_[segment - 1]->child) + " or of what is fixed to it");
     }
   }
@@ -248,8 +262,15 @@ class ChainReader {
   void finish() {
     robot_.name = tree_.name;
     robot_.title = tree_.name + ", " + chain_.base_link + " to " + chain_.tip_link;
-    for (const UrdfJoint* joint : arm_) robot_.joint_names.push_back(joint->name);
-    // Thin capsules along the links, because the looks of the URDF are not read.
+    for (const UrdfJoint* joint : arm_) {
+      robot_.joint_names.push_back(joint->name);
+      if (joint->damping == 0 && joint->friction == 0) continue;
+      std::ostringstream text;  // as a stream writes numbers: short
+      text << joint->name << " " << joint->damping << (joint->slides() ? " N s/m and " : " N m s/rad and ")
+           << joint->friction << (joint->slides() ? " N" : " N m");
+      robot_.left_out_friction.push_back(text.str());
+    }
+    // Thin capsules along the links, because the URDF's visuals are not read.
     for (std::size_t i = 0; i <= arm_.size(); ++i) {
       Shape stick;
       stick.link = "link" + std::to_string(i);
@@ -264,7 +285,7 @@ class ChainReader {
   const UrdfTree& tree_;
   const UrdfChain& chain_;
   std::vector<const UrdfJoint*> path_;  // from the base to the tip
-  std::vector<const UrdfJoint*> arm_;   // of them, those that move
+  std::vector<const UrdfJoint*> arm_;   // the movable ones among them
   std::vector<RigidBody> bodies_;       // per segment
   std::vector<AttachedShape> shapes_;
   RobotDescription robot_;

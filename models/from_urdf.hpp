@@ -16,15 +16,15 @@ struct UrdfLimits {
   std::optional<double> lower, upper;  // [rad], of a prismatic joint [m]
   std::optional<double> velocity;      // [rad/s], [m/s]
   std::optional<double> effort;        // [N m], [N]
-  std::optional<bool> prismatic = {};  // whose units they are given in; none: those of the joint
+  std::optional<bool> prismatic = {};  // kind of joint that the units assume; none: unchecked
 };
 
-// Selects the part of a robot that is the arm. From base_link to tip_link, every revolute, continuous or
+// Selects the arm within a robot. From base_link to tip_link, every revolute, continuous or
 // prismatic joint that is not held is a joint of the arm, in this order; all others do not move.
 struct UrdfChain {
   std::string base_link;                      // becomes link0: a scene places it in the world
   std::string tip_link;                       // becomes the flange
-  std::map<std::string, double> held_joints;  // their positions [rad] or [m]. Other joints outside
+  std::map<std::string, double> held_joints;  // positions of held joints [rad] or [m]. Other joints outside
                                               // the arm are at 0, or the nearest value within their limits
   std::map<std::string, UrdfLimits> limits;   // by the URDF's name of the joint
 };
@@ -34,7 +34,7 @@ struct UrdfChain {
 // does not move). Axes other than z are turned to z, so frames of links are not the URDF's; the
 // joints' zero positions and directions are. Interface limits are kUrdf..., the home configuration is zero
 // where the limits allow it; shapes are thin capsules from joint to joint, for pictures only. Throws
-// std::invalid_argument: what is wrong and the cure.
+// std::invalid_argument with the fault and the remedy.
 RobotDescription robot_from_urdf(const std::string& urdf_text, const UrdfChain& chain);
 
 // Limits of every joint of an imported arm, unless its model file has others: a URDF has no such limits.
@@ -46,20 +46,23 @@ inline constexpr double kUrdfLinearAcceleration = 5;  // [m/s^2]
 inline constexpr double kUrdfLinearJerk = 1000;       // [m/s^3]
 inline constexpr double kUrdfForceRise = 0.1;         // [s]
 
-// A collision geometry that moves with joint `segment` of the arm (0: with the base), in that link's frame.
+// Collision geometry that moves with joint `segment` of the arm (0: with the base), in that link's frame.
 struct AttachedShape {
   std::size_t segment = 0;
-  Pose X_SG;
+  // X_SG is the product of one pose of each step, the first step first. Every choice of them is a place of
+  // the shape; a step has at most kMostPoses.
+  std::vector<std::vector<Pose>> steps;
   UrdfGeometry shape;
   std::string link;  // by the URDF's name
 };
-// All of an arm, link by link, and all that is fixed to the base: also what carries base_link, but nothing
-// that another joint moves, such as a head or another arm. What a joint outside of the arm moves, such as a
-// finger, comes three times: with that joint at its lower limit, in the middle and at its upper limit, if it
-// has them and is not held. Throws as robot_from_urdf.
+inline constexpr std::size_t kMostPoses = 81;
+// All geometry of an arm, link by link, and of everything fixed to the base: also the carrier of base_link,
+// but nothing that another joint moves, such as a head or another arm. Bodies moved by joints outside the
+// arm, such as fingers, are in three places, with that joint at its lower limit, in the middle and at
+// its upper limit, if it has limits and is not held. Throws as robot_from_urdf.
 std::vector<AttachedShape> attached_shapes(const std::string& urdf_text, const UrdfChain& chain);
 
-// The file behind "package://NAME/REST" (REST below the folder of that name in the share folders of
+// Resolves "package://NAME/REST" (REST below the folder of that name in the share folders of
 // AMENT_PREFIX_PATH, or in the Python environment's example-robot-data), or behind a path, relative to
 // `folder`. Throws std::invalid_argument with the places that it searched.
 std::filesystem::path urdf_file(const std::string& name, const std::filesystem::path& folder);

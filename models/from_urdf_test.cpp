@@ -15,14 +15,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "config_file/node.hpp"
 #include "models/arm_source.hpp"
 #include "models/capsule_fit.hpp"
 #include "models/testing/hull_faces.hpp"
 #include "models/testing/odd_robot.hpp"
-#include "models/to_urdf.hpp"
 #include "models/urdf_collision.hpp"
 #include "models/urdf_tree.hpp"
+#include "models/write_robot.hpp"
+#include "yaml_reader/node.hpp"
 
 namespace multipanda::from_urdf_test {
 namespace {
@@ -106,6 +106,54 @@ TEST(FromUrdf, ErrorsNameTheCure) {
               HasSubstr("not a finite number"));
 }
 
+// xacro would add to the file, or replace a name or a number, wherever it finds its own words.
+TEST(FromUrdf, RefusesSourcesOfXacro) {
+  const std::string odd = OddRobot().text();
+  const auto refused = [&](const std::string& from, const std::string& to) {
+    return refusal(replaced(odd, from, to), odd_chain());
+  };
+  for (const std::string& text :
+       {refused("<link name=\"tool\">", "<xacro:pen on=\"tool\"/><link name=\"tool\">"),
+        refused("<link name=\"tool\">", "<link name=\"tool\"><xacro:shell/>"),
+        refused("effort=\"40\"", "effort=\"${strong}\""),
+        refused("<parent link=\"shell\"/>", "<parent link=\"$(arg side)_shell\"/>")})
+    EXPECT_THAT(text, HasSubstr("Expand it first: xacro FILE > ROBOT.urdf"));
+  // What xacro writes names its namespace still; what other programs read of the file may look alike.
+  EXPECT_EQ(refused("<robot ", "<robot xmlns:xacro=\"http://www.ros.org/wiki/xacro\" "),
+            "nothing was refused");
+  EXPECT_EQ(refused("</robot>", "<gazebo><shell command=\"echo ${HOME}\"/></gazebo></robot>"),
+            "nothing was refused");
+}
+
+TEST(FromUrdf, NamesFrictionThatIsNotSimulated) {
+  const std::string odd =
+      replaced(replaced(OddRobot().text(), "<child link=\"upper\"/>",
+                        "<child link=\"upper\"/><dynamics damping=\"0.25\" friction=\"1.5\"/>"),
+               "<child link=\"palm\"/>", "<child link=\"palm\"/><dynamics friction=\"4\"/>");
+  EXPECT_THAT(robot_from_urdf(odd, odd_chain()).left_out_friction,
+              ElementsAre("shoulder 0.25 N m s/rad and 1.5 N m", "wrist 0 N m s/rad and 4 N m"));
+  UrdfChain slide = odd_chain();
+  slide.held_joints.erase("lift");
+  EXPECT_THAT(robot_from_urdf(replaced(odd, "<child link=\"chest\"/>",
+                                       "<child link=\"chest\"/><dynamics damping=\"60\" friction=\"0\"/>"),
+                              slide)
+                  .left_out_friction[0],
+              "lift 60 N s/m and 0 N");
+
+  const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "left_out_friction";
+  std::filesystem::create_directories(folder);
+  std::ofstream(folder / "odd.urdf") << odd;
+  const auto loaded = [&](const std::string& more) {
+    std::ofstream(folder / "odd.yaml") << "name: odd\nurdf: ./odd.urdf\nbase_link: mast\ntip_link: tool\n"
+                                          "held_joints: {lift: 0.3, brake: -0.7, thumb: 0.4}\n"
+                                          "limits: {elbow: {lower_rad: -2.5, upper_rad: 2.5}}\n"
+                                       << more;
+    return load_robot(folder / "odd.yaml").left_out_friction.size();
+  };
+  EXPECT_EQ(loaded(""), 2u);
+  EXPECT_EQ(loaded("link_friction: {viscous_nm_s_per_rad: [0.25, 0, 0, 0]}\n"), 0u);
+}
+
 TEST(FromUrdf, RefusesMovingLinksWithoutConsistentMass) {
   const auto arm = [](const std::string& inertial) {
     return "<robot name='a'><link name='b'/><link name='t'>" + inertial +
@@ -115,8 +163,7 @@ TEST(FromUrdf, RefusesMovingLinksWithoutConsistentMass) {
   const UrdfChain chain{.base_link = "b", .tip_link = "t"};
   EXPECT_THAT(refusal(arm(""), chain), HasSubstr("has no mass"));
   const std::string flat =
-      "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='3' ixy='0' ixz='0' iyz='0'/>"
-      "</inertial>";
+      "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='3' ixy='0' ixz='0' iyz='0'/></inertial>";
   EXPECT_THAT(refusal(arm(flat), chain), HasSubstr("an inertia that is not physically consistent"));
   EXPECT_THAT(refusal(arm(replaced(flat, "izz='3'", "izz='1.5'")), chain), HasSubstr("nothing was refused"));
 }
@@ -253,6 +300,87 @@ TEST_P(KnownRobots, AreInsideTheirCapsules) {
   }
   EXPECT_GT(tested, 1000u);
   EXPECT_GT(of_base, 0u);
+}
+
+// Behind the tip of an arm with one joint a chain of joints that are not the arm's: the effort grows with its
+// length, not with the number of its configurations. Whichever of the three positions each joint has,
+// Pinocchio finds all corners of its links inside the capsules.
+TEST(FromUrdf, AChainBehindTheTipIsInsideTheCapsules) {
+  constexpr int kLength = 13;  // 3^13 is 1.6 million
+  const Vector3 size(0.04, 0.03, 0.05), center(0, 0.01, 0.025);
+  XmlText xml;
+  xml.open("robot", {{"name", "chain"}});
+  const auto link = [&](const std::string& name) {
+    xml.open("link", {{"name", name}});
+    xml.open("inertial");
+    xml.leaf("mass", {{"value", "0.3"}});
+    xml.leaf("inertia",
+             {{"ixx", "1e-3"}, {"iyy", "1e-3"}, {"izz", "1e-3"}, {"ixy", "0"}, {"ixz", "0"}, {"iyz", "0"}});
+    xml.close();
+    xml.open("collision");
+    xml.leaf("origin", {{"xyz", exact(center)}});
+    xml.open("geometry");
+    xml.leaf("box", {{"size", exact(size)}});
+    xml.close();
+    xml.close();
+    xml.close();
+  };
+  const auto joint = [&](const std::string& name, const std::string& parent, const std::string& axis) {
+    link(name + "_link");
+    xml.open("joint", {{"name", name}, {"type", "revolute"}});
+    xml.leaf("origin", {{"xyz", "0.01 0 0.05"}});
+    xml.leaf("parent", {{"link", parent}});
+    xml.leaf("child", {{"link", name + "_link"}});
+    xml.leaf("axis", {{"xyz", axis}});
+    xml.leaf("limit", {{"lower", "-0.4"}, {"upper", "0.9"}, {"velocity", "1"}, {"effort", "10"}});
+    xml.close();
+  };
+  const auto name = [](int i) { return "side" + std::to_string(i); };
+  link("base");
+  joint("turn", "base", "0 0 1");
+  for (int i = 0; i < kLength; ++i)
+    joint(name(i), i == 0 ? "turn_link" : name(i - 1) + "_link", i % 2 == 0 ? "1 0 0" : "0 0.6 0.8");
+  xml.close();
+
+  const UrdfChain chain{.base_link = "base", .tip_link = "turn_link"};
+  const auto shapes = attached_shapes(xml.text(), chain);
+  ASSERT_EQ(shapes.size(), 2u + kLength);
+  for (const AttachedShape& shape : shapes) {
+    std::size_t poses = 0;
+    for (const auto& step : shape.steps) poses += step.size();
+    EXPECT_LE(poses, (kLength / 4 + 1) * kMostPoses);
+  }
+  RobotDescription arm = robot_from_urdf(xml.text(), chain);
+  fit_collision(xml.text(), chain, {}, arm);
+  Random random(29);
+  const VectorXd zero = VectorXd::Zero(1);
+  double worst = -1, widest = 0;
+  for (int k = 0; k < 60; ++k) {
+    std::map<std::string, double> held;
+    const int same = k < 3 ? k : -1;  // all at the same end, or in the middle: the longest reach
+    for (int i = 0; i < kLength; ++i) {
+      const int at = same >= 0 ? same : static_cast<int>(random.uniform(0, 3));
+      held[name(i)] = std::vector{-0.4, 0.25, 0.9}[static_cast<std::size_t>(at)];
+    }
+    PinocchioArm original(xml.text(), "base", {"turn"}, held);
+    const Pose X_WS = original.terms(zero, zero, {"turn_link"}).poses[0];
+    for (int i = 0; i < kLength; ++i) {
+      const Pose X_WL = original.terms(zero, zero, {name(i) + "_link"}).poses[0];
+      for (const auto& corner : box_points(size)) {
+        const Vector3 p = X_WL * (center + corner);
+        double least = 1;
+        for (const auto& capsule : arm.capsules) least = std::min(least, outside(p, capsule, X_WS));
+        worst = std::max(worst, least);
+        widest = std::max(widest, (p - X_WS.position).norm());
+      }
+    }
+  }
+  EXPECT_LT(worst, 1e-6);
+  // Not arbitrarily wide: at most 2.5 times as far from the joint as the farthest corner seen.
+  for (const auto& capsule : arm.capsules) {
+    EXPECT_LT(capsule.from.norm() + capsule.radius, 2.5 * widest);
+    EXPECT_LT(capsule.to.norm() + capsule.radius, 2.5 * widest);
+  }
 }
 
 // A box as a hull.

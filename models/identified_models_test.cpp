@@ -7,8 +7,6 @@
 #include <gtest/gtest.h>
 
 #include "models/robot_description.hpp"
-#include "models/to_mjcf.hpp"
-#include "models/to_urdf.hpp"
 #include "models/write_robot.hpp"
 
 namespace multipanda::identified_models_test {
@@ -71,6 +69,9 @@ RobotDescription random_robot(const RobotDescription& base, unsigned seed) {
   robot.motor_inertia = draw.joints(n, 0, 0.5);
   robot.rotor_inertia = draw.joints(n, 0, 0.9);
   robot.base_tilt = {draw.between(-0.05, 0.05), draw.between(-0.05, 0.05)};
+  robot.identified_range = IdentifiedRange{robot.limits.q_min * draw.between(0.1, 0.9),
+                                           robot.limits.q_max * draw.between(0.1, 0.9),
+                                           robot.limits.dq_max * draw.between(0.1, 0.9)};
   robot.q_home += draw.joints(n, -1e-3, 1e-3);
   return robot;
 }
@@ -122,6 +123,9 @@ void expect_same(const RobotDescription& a, const RobotDescription& b) {
   expect_same(a.motor_inertia, b.motor_inertia);
   expect_same(a.rotor_inertia, b.rotor_inertia);
   EXPECT_EQ(a.base_tilt, b.base_tilt);
+  EXPECT_EQ(a.identified_range->q_min, b.identified_range->q_min);
+  EXPECT_EQ(a.identified_range->q_max, b.identified_range->q_max);
+  EXPECT_EQ(a.identified_range->dq_max, b.identified_range->dq_max);
   expect_same(a.q_home, b.q_home);
 }
 
@@ -152,7 +156,8 @@ TEST(WrittenRobots, HaveOnlyTheDifferences) {
   const std::string text = content(file);
   EXPECT_THAT(text, HasSubstr("base: \"fer\""));
   EXPECT_THAT(text, HasSubstr("motor_inertia_kg_m2: [0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1]"));
-  for (const char* section : {"inertials", "joints:", "friction", "flange", "origin", "torque_sensor"}) {
+  for (const char* section :
+       {"inertials", "identified_range", "joints:", "friction", "flange", "origin", "torque_sensor"}) {
     EXPECT_THAT(text, testing::Not(HasSubstr(section)));
   }
 }

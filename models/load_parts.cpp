@@ -1,9 +1,12 @@
 #include "models/load_parts.hpp"
 
 #include <algorithm>
+#include <fstream>
+#include <iterator>
 
-#include "support/spelling.hpp"
+#include "common/spelling.hpp"
 
+// Sections of a model file that describe an individual arm, from identification (docs/models.md).
 namespace multipanda {
 namespace {
 
@@ -21,6 +24,11 @@ void visit_capsule_lists(Archive& archive, const std::vector<std::string>& links
   }
 }
 
+std::string text_of(const std::filesystem::path& file) {
+  std::ifstream stream(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), std::istreambuf_iterator<char>()};
+}
+
 }  // namespace
 
 JointVector read_joint_vector(const Node& node, Key key, std::size_t n) {
@@ -33,11 +41,11 @@ void visit(Archive& archive, Placement& placement) {
   archive(Key("rpy_rad").any_turn(), placement.rpy);
 }
 
-void visit_inertia(Archive& archive, Matrix3& I, bool complete) {
+void visit_inertia(Archive& archive, Matrix3& I, bool complete, bool physical) {
   archive.about("Inertia", "A symmetric matrix; each principal moment is at most the sum of the other two.");
   const auto entry = [&](const char* name, double& value, bool diagonal) {
     Key key(name, "Entry of the inertia matrix.");
-    key.in("kg m^2").within(diagonal ? 0 : -100, 100);
+    key.in("kg m^2").within(diagonal && physical ? 0 : -100, 100);
     archive(diagonal || complete ? key.required() : key, value);
   };
   entry("xx", I(0, 0), true);
@@ -51,17 +59,18 @@ void visit_inertia(Archive& archive, Matrix3& I, bool complete) {
   I(2, 1) = I(1, 2);
 }
 
-void visit(Archive& archive, RigidBody& body) {
+void visit(Archive& archive, RigidBody& body) { visit_body(archive, body, true); }
+
+void visit_body(Archive& archive, RigidBody& body, bool physical) {
   archive(Key("mass_kg").above(0).required(), body.mass);
   archive(Key("com_m").required(), body.com);
   archive.part(Key("inertia_kg_m2").required(),
-               [&](Archive& inner) { visit_inertia(inner, body.inertia, true); });
-  if (archive.reading() && !is_physical(body)) {
+               [&](Archive& inner) { visit_inertia(inner, body.inertia, true, physical); });
+  if (archive.reading() && physical && !is_physical(body)) {
     archive.at("inertia_kg_m2")
         .refuse(
             "inertia is not physically consistent (tr(I)/2 * 1 - I must be positive definite); it is about "
-            "the "
-            "center of mass, with signs xy = -integral of x y dm");
+            "the center of mass, with signs xy = -integral of x y dm");
   }
 }
 
@@ -109,11 +118,8 @@ void read_self_collision(const Node& node, RobotDescription& robot) {
 void visit(Archive& archive, Shape& shape) {
   static const std::vector<std::string> kKinds{"capsule", "cylinder", "sphere", "box"};
   archive(Key("shape").one_of(kKinds).required(), shape.kind);
-  std::vector<std::string> colors = color_names();
-  colors.emplace_back("grey");  // until the next release; phrases: quoted
   shape.color = "white";
-  archive(Key("color").one_of(colors), shape.color);
-  if (shape.color == "grey") shape.color = "gray";  // phrases: quoted
+  archive(Key("color").one_of(color_names()), shape.color);
   archive(Key("center_m").no_default(), shape.center.position);
   archive(Key("rpy_rad").any_turn().no_default(), shape.center.rpy);
   archive(Key("size_m").above(0).no_default(), shape.size);
@@ -164,6 +170,69 @@ void visit(Archive& archive, HandDescription& hand) {
   hand.finger_boxes = on_link(std::move(hand.finger_boxes), "finger");
   hand.visuals = on_link(std::move(hand.visuals), "hand");
   hand.finger_visuals = on_link(std::move(hand.finger_visuals), "finger");
+}
+
+void visit(Archive& archive, JointFriction& friction, const std::size_t& n) {
+  archive(Key("p1_nm").at_least(0).joints(n).required(), friction.p1);
+  archive(Key("p2_s_per_rad").at_least(0).joints(n).required(), friction.p2);
+  archive(Key("p3_rad_per_s").joints(n).required(), friction.p3);
+}
+
+void visit(Archive& archive, PreslidingElement& element, const std::size_t& n) {
+  archive(Key("distance_rad").above(0).required(), element.distance);
+  archive(Key("amplitude_nm").at_least(0).joints(n).required(), element.amplitude);
+}
+
+void visit(Archive& archive, FrictionLaw& law, const std::size_t& n) {
+  archive(Key("offset_nm").joints(n), law.offset);
+  archive(Key("viscous_nm_s_per_rad").at_least(0).joints(n), law.viscous);
+  archive(Key("stribeck_nm").at_least(0).joints(n), law.stribeck);
+  archive.list(Key("presliding"), law.presliding, n);
+  archive.section(Key("sigmoid"), law.sigmoid, n);
+}
+
+void visit(Archive& archive, TorqueSensor& sensor, const std::size_t& n) {
+  archive(Key("gain").above(0).joints(n), sensor.gain);
+  archive(Key("offset_nm").joints(n), sensor.offset);
+  archive(Key("noise_nm").at_least(0), sensor.noise);
+}
+
+void visit(Archive& archive, IdentifiedRange& range, const std::size_t& n) {
+  archive(Key("lower_rad").any_turn().joints(n).required(), range.q_min);
+  archive(Key("upper_rad").any_turn().joints(n).required(), range.q_max);
+  archive(Key("velocity_rad_per_s").at_least(0).joints(n).required(), range.dq_max);
+}
+
+void visit(Archive& archive, Actuation& actuation) {
+  archive(Key("torque_bandwidth_hz").at_least(0), actuation.torque_bandwidth_hz);
+  archive(Key("command_delay_s").at_least(0), actuation.command_delay);
+  constexpr double kLongest = 1.0;  // [s]
+  if (actuation.command_delay > kLongest) {
+    archive.at("command_delay_s").expected("at most 1 s (a larger number looks like milliseconds)");
+  }
+}
+
+std::optional<RobotDescription> KnownRobots::find(const std::filesystem::path& file) {
+  const std::scoped_lock lock(mutex_);
+  const auto found = known_.find(file);
+  if (found == known_.end()) return std::nullopt;
+  for (const auto& [path, text] : found->second.texts) {
+    if (text_of(path) != text) return std::nullopt;
+  }
+  return found->second.robot;
+}
+
+void KnownRobots::keep(const std::filesystem::path& file, const std::vector<std::filesystem::path>& files,
+                       const RobotDescription& robot) {
+  Entry entry{.robot = robot, .texts = {}};
+  for (const auto& path : files) entry.texts.emplace_back(path, text_of(path));
+  const std::scoped_lock lock(mutex_);
+  known_.insert_or_assign(file, std::move(entry));
+}
+
+KnownRobots& known_robots() {
+  static KnownRobots robots;
+  return robots;
 }
 
 }  // namespace multipanda

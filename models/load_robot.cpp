@@ -3,17 +3,15 @@
 #include <iterator>
 #include <stdexcept>
 
-#include "config_file/text.hpp"
+#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "models/from_urdf.hpp"
-#include "models/known_robots.hpp"
-#include "models/limit_keys.hpp"
 #include "models/load_parts.hpp"
 #include "models/robot_description.hpp"
 #include "models/urdf_collision.hpp"
-#include "support/spelling.hpp"
 
-// From YAML to RobotDescription. A file may name a `base`: it then has all sections of the base except those
-// that it gives itself, each replaced as a whole.
+// From YAML to RobotDescription. A file may name a `base`: it then has all sections of the base, except those
+// that it replaces as a whole.
 namespace multipanda {
 namespace {
 
@@ -24,6 +22,7 @@ const std::vector<std::string> kSections{"name",
                                          "joints",
                                          "flange",
                                          "inertials",
+                                         "own_model",
                                          "limits",
                                          "interface_limits",
                                          "joint_friction",
@@ -33,6 +32,7 @@ const std::vector<std::string> kSections{"name",
                                          "motor_inertia_kg_m2",
                                          "rotor_inertia_kg_m2",
                                          "base_tilt_rad",
+                                         "identified_range",
                                          "rated_payload_kg",
                                          "home_rad",
                                          "self_collision",
@@ -44,7 +44,7 @@ const std::vector<std::string> kSections{"name",
                                          "tip_link",
                                          "held_joints"};
 
-// The sections in force and the files that they come from.
+// Effective sections and their files.
 struct Document {
   std::map<std::string, Node> sections;
   std::map<std::string, std::string> origin;
@@ -63,7 +63,7 @@ struct Document {
   std::string text(const std::string& key) const { return at(key).text(Key(key)); }
 };
 
-// A file next to this one, with or without its ending; otherwise a robot by name.
+// A file next to this one, with or without extension; otherwise a robot by name.
 std::filesystem::path base_file(const Node& base) {
   const std::string name = base.text(Key("base"));
   std::filesystem::path beside = std::filesystem::path(base.file()).parent_path() / name;
@@ -71,7 +71,8 @@ std::filesystem::path base_file(const Node& base) {
   const auto names = available_robots();
   const bool known = std::find(names.begin(), names.end(), name) != names.end();
   std::error_code missing;
-  const bool itself = std::filesystem::equivalent(beside, base.file(), missing);  // my fer.yaml on base: fer
+  const bool itself = std::filesystem::equivalent(beside, base.file(), missing);  // e.g. my own fer.yaml with
+                                                                                  // base: fer
   if (std::filesystem::exists(beside) && !(known && itself)) return beside;
   if (known) return models_folder() / (name + ".yaml");
   base.refuse("there is no file " + beside.string() + ", and no robot '" + name + "'" +
@@ -94,7 +95,7 @@ Document read_document(const std::filesystem::path& file, int depth) {
     if (depth == kMaxDepth)
       node.mapped().refuse("more than 8 files in a chain of bases; check that no file is its own base");
     document = read_document(base_file(node.mapped()), depth + 1);
-    document.sections.erase("name");  // a robot has its own name
+    document.sections.erase("name");  // every robot has its own name
     document.sections.erase("title");
   }
   document.root.emplace(root);
@@ -139,6 +140,18 @@ void read_inertials(const Node& node, RobotDescription& robot) {
   robot.links.assign(names.size(), {});
   Archive::read(node, [&](Archive& archive) {
     for (std::size_t i = 0; i < names.size(); ++i) archive.section(Key(names[i]).required(), robot.links[i]);
+  });
+}
+
+// Links of the arm's own model: any numbers, but a mass above 0.
+void read_own_model(const Node& node, RobotDescription& robot) {
+  const auto names = numbered("link", 1, robot.joint_count());
+  robot.own_model.assign(names.size(), {});
+  Archive::read(node, [&](Archive& archive) {
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      archive.part(Key(names[i]).required(),
+                   [&](Archive& link) { visit_body(link, robot.own_model[i], false); });
+    }
   });
 }
 
@@ -299,7 +312,7 @@ RobotDescription read_urdf(const Document& document) {
     if (const Node* home = document.find("home_rad")) read_home(*home, robot);
     if (document.find("self_collision") == nullptr) {
       fit_collision(text, chain, file.parent_path(), robot);
-      if (!robot.capsules.empty()) robot.visuals.clear();  // they look better than the thin ones
+      if (!robot.capsules.empty()) robot.visuals.clear();  // better than the thin ones
     }
     if (const Node* joints = document.find("joints")) {
       const std::size_t n = robot.joint_count();
@@ -325,6 +338,7 @@ RobotDescription read_chain(const Document& document) {
   read_joints(document.at("joints"), robot);
   robot.flange = read_as<Placement>(document.at("flange"));
   read_inertials(document.at("inertials"), robot);
+  if (const Node* own = document.find("own_model")) read_own_model(*own, robot);
   read_limits(document.at("limits"), robot);
   return robot;
 }
@@ -332,19 +346,22 @@ RobotDescription read_chain(const Document& document) {
 // Friction, and the properties of an individual arm.
 void read_own(const Document& document, RobotDescription& robot) {
   const std::size_t n = robot.joint_count();
-  // The word `none` in place of a section removes what the base has.
+  // The value `none` removes the section of the base.
   const auto own = [&](const char* key) -> const Node* {
     const Node* section = document.find(key);
     return section == nullptr || section->is_word({"none"}) ? nullptr : section;
   };
   if (const auto* section = own("joint_friction")) robot.friction = read_as<JointFriction>(*section, n);
   if (const auto* section = own("link_friction")) robot.link_friction = read_as<FrictionLaw>(*section, n);
+  if (robot.friction || robot.link_friction) robot.left_out_friction.clear();
   if (const auto* section = own("torque_sensor")) robot.torque_sensor = read_as<TorqueSensor>(*section, n);
   if (const auto* section = own("actuation")) robot.actuation = read_as<Actuation>(*section);
   if (const auto* section = own("motor_inertia_kg_m2"))
     robot.motor_inertia = read_joint_vector(*section, Key("motor_inertia_kg_m2").at_least(0), n);
   if (const auto* section = own("rotor_inertia_kg_m2"))
     robot.rotor_inertia = read_joint_vector(*section, Key("rotor_inertia_kg_m2").at_least(0), n);
+  if (const auto* section = own("identified_range"))
+    robot.identified_range = read_as<IdentifiedRange>(*section, n);
   if (const auto* section = own("rated_payload_kg"))
     robot.rated_payload = section->number(Key("rated_payload_kg").above(0));
   if (const auto* section = own("base_tilt_rad")) {
@@ -384,7 +401,7 @@ RobotDescription load_robot(const std::string& name_or_path) {
   if (!imported || document.find("home_rad") != nullptr) read_home(document.at("home_rad"), robot);
   if (!imported || document.find("self_collision") != nullptr) {
     read_self_collision(document.at("self_collision"), robot);
-    if (imported) robot.visuals.clear();  // the model's capsules look better than the thin ones
+    if (imported) robot.visuals.clear();  // the model's capsules are better than the thin ones
   }
   read_looks(document, robot);
   if (const Node* hand = document.find("hand")) robot.hand = read_as<HandDescription>(*hand);

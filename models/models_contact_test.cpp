@@ -8,7 +8,7 @@
 #include <mujoco/mujoco.h>
 
 #include "models/robot_description.hpp"
-#include "models/to_mjcf.hpp"
+#include "models/write_robot.hpp"
 
 namespace multipanda::models_contact_test {
 namespace {
@@ -82,7 +82,7 @@ JointVector configuration(std::initializer_list<double> values) {
 const std::string kUr5e = MULTIPANDA_SOURCE_DIR "/tests/models/ur5e.yaml";
 
 TEST(Contacts, NoneAtHomeOnAFloor) {
-  for (const std::string& name : {std::string("fer"), std::string("fer_maker"), std::string("fr3"), kUr5e}) {
+  for (const std::string& name : {std::string("fer"), std::string("fr3v2"), std::string("fr3"), kUr5e}) {
     const RobotDescription robot = load_robot(name);
     const Spec spec = parse(to_mjcf(robot, {.hand = robot.hand.has_value()}));
     add_floor(spec.get());

@@ -1,21 +1,21 @@
-#include "models/to_mjcf.hpp"
-
+#include <map>
 #include <stdexcept>
 
-#include "models/looks.hpp"
+#include "common/own_files.hpp"
+#include "models/robot_description.hpp"
+#include "models/write_robot.hpp"
 #include "models/xml_text.hpp"
-#include "support/own_files.hpp"
 
 namespace multipanda {
 namespace {
 
-// Additional inertia of each finger due to its drive [kg]. No value is published; this one is that of a small
-// geared motor. With it a closing finger stops at an object as softly as the real finger.
+// Additional inertia of each finger due to its drive [kg]. There is no published value; this is that of a
+// small geared motor, with which a closing finger stops at an object as softly as the real one.
 constexpr double kFingerArmature = 0.2;
 
 std::string rotation_of(const Placement& placement) { return exact(placement.pose().quaternion()); }
 
-// Writes one arm: the text so far, and the data that every part needs.
+// Writes one arm: the text so far, and the common data of all parts.
 class ArmWriter {
  public:
   ArmWriter(const RobotDescription& robot, const MjcfOptions& options)
@@ -73,8 +73,12 @@ class ArmWriter {
                             exact(Vector3(I.diagonal())) + " " + exact(Vector3(I(0, 1), I(0, 2), I(1, 2)))}});
   }
 
+  // Named link5, link5_2: other programs choose geoms by name.
   void write_capsule(const Capsule& capsule, const CollisionBits& bits) {
-    write_collision({{"type", "capsule"},
+    const int number = ++capsules_[capsule.link];
+    const std::string name = number == 1 ? capsule.link : capsule.link + "_" + std::to_string(number);
+    write_collision({{"name", named(name)},
+                     {"type", "capsule"},
                      {"fromto", exact(capsule.from) + " " + exact(capsule.to)},
                      {"size", exact(capsule.radius)}},
                     bits);
@@ -213,7 +217,7 @@ class ArmWriter {
                           {"type", "slide"},
                           {"axis", "0 1 0"},
                           {"range", "0 " + exact(hand.finger_travel)},
-                          {"solreflimit", "0.004 1"},  // metal stops
+                          {"solreflimit", "0.004 1"},  // as stiff as metal stops
                           {"solimplimit", "0.99 0.99 0.001"},
                           {"armature", exact(kFingerArmature)}});
       write_inertial(hand.finger);
@@ -227,7 +231,7 @@ class ArmWriter {
     }
   }
 
-  // MuJoCo ignores contacts of parent and child only if the parent moves, so every ignored pair is named.
+  // MuJoCo ignores contacts of parent and child only if the parent moves, so every ignored pair is listed.
   void write_contacts() {
     std::vector<std::string> links;
     for (std::size_t i = 0; i <= robot_.joint_count(); ++i) links.push_back("link" + std::to_string(i));
@@ -271,7 +275,8 @@ class ArmWriter {
       xml_.leaf("motor", {{"name", joint}, {"joint", joint}, {"gear", "1"}});
     }
     if (movable() && options_.finger_servo) {
-      // Stiff enough for the rated force within a few millimeters; the damping is stable with steps of 1 ms.
+      // Stiff enough to reach the rated force within a few millimeters; the damping is stable at steps of
+      // 1 ms.
       xml_.leaf("position", {{"name", named("fingers")},
                              {"joint", named("finger_joint1")},
                              {"kp", "10000"},
@@ -287,6 +292,7 @@ class ArmWriter {
   const MjcfOptions& options_;
   JointVector motor_inertia_;
   bool use_meshes_ = false;
+  std::map<std::string, int> capsules_;  // written so far, by link
   XmlText xml_;
 };
 

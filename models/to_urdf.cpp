@@ -1,8 +1,9 @@
-#include "models/to_urdf.hpp"
-
+#include <algorithm>
+#include <limits>
 #include <stdexcept>
 
-#include "models/looks.hpp"
+#include "models/robot_description.hpp"
+#include "models/write_robot.hpp"
 #include "models/xml_text.hpp"
 
 namespace multipanda {
@@ -25,8 +26,10 @@ void write_inertial(XmlText& xml, const RigidBody& body) {
   xml.close();
 }
 
-// `element` is "visual" or "collision". URDF has no capsule: a cylinder and a sphere at each end.
-void write_shape(XmlText& xml, const char* element, const Shape& shape) {
+enum class Ends { both, from, to };  // of a capsule, which are round
+
+// `element` is "visual" or "collision". URDF has no capsule: a cylinder and a sphere at its round ends.
+void write_shape(XmlText& xml, const char* element, const Shape& shape, Ends round = Ends::both) {
   const auto write = [&](const Vector3& position, const Vector3& rpy, const char* geometry,
                          const XmlText::Attributes& size) {
     xml.open(element);
@@ -47,8 +50,8 @@ void write_shape(XmlText& xml, const char* element, const Shape& shape) {
       write(pose.position, Vector3::Zero(), "sphere", {{"radius", exact(shape.radius)}});
       break;
     case ShapeKind::capsule:
-      write(shape.from, Vector3::Zero(), "sphere", {{"radius", exact(shape.radius)}});
-      write(shape.to, Vector3::Zero(), "sphere", {{"radius", exact(shape.radius)}});
+      if (round != Ends::to) write(shape.from, Vector3::Zero(), "sphere", {{"radius", exact(shape.radius)}});
+      if (round != Ends::from) write(shape.to, Vector3::Zero(), "sphere", {{"radius", exact(shape.radius)}});
       [[fallthrough]];
     case ShapeKind::cylinder:
       write(pose.position, rpy, "cylinder",
@@ -57,20 +60,54 @@ void write_shape(XmlText& xml, const char* element, const Shape& shape) {
   }
 }
 
-// `link` as the shapes name it, without prefix; empty: all visuals.
-void write_geometry(XmlText& xml, const std::vector<Shape>& visuals, const std::vector<Capsule>& capsules,
+// A capsule of a URDF, or the part of one that has an end cut off.
+struct Collision {
+  Capsule capsule;
+  Ends round = Ends::both;
+};
+
+// MuJoCo lets link1 collide with link0, which it takes as a part of the world, and Franka's capsules of the
+// two overlap: 20 N m would not turn joint 1. What of link1 lies on the axis of joint 1 stays where it is
+// while the joint turns. So its part beside the base belongs to link0 here, and the arm fills the same space
+// but for a slit of 1 mm.
+std::vector<Collision> collisions_of(const RobotDescription& robot) {
+  const Pose X_01 = robot.joints.front().pose(), X_10 = X_01.inverse();
+  double top = -std::numeric_limits<double>::infinity();  // of the base, along the axis
+  for (const auto& capsule : robot.capsules) {
+    if (capsule.link != "link0") continue;
+    top =
+        std::max({top, (X_10 * capsule.from).z() + capsule.radius, (X_10 * capsule.to).z() + capsule.radius});
+  }
+  const Vector3 cut(0, 0, top), slit(0, 0, 1e-3);
+  std::vector<Collision> all;
+  for (Capsule capsule : robot.capsules) {
+    const bool turns_in_place = capsule.link == "link1" && !robot.is_prismatic(0) &&
+                                capsule.from.head<2>().isZero() && capsule.to.head<2>().isZero();
+    if (turns_in_place && capsule.from.z() > capsule.to.z()) std::swap(capsule.from, capsule.to);
+    if (turns_in_place && capsule.from.z() < top && top < capsule.to.z() - slit.z()) {
+      all.push_back({{"link0", X_01 * capsule.from, X_01 * cut, capsule.radius}, Ends::from});
+      all.push_back({{"link1", cut + slit, capsule.to, capsule.radius}, Ends::to});
+    } else {
+      all.push_back({capsule});
+    }
+  }
+  return all;
+}
+
+// `link` as named in the shapes, without prefix; empty: all visuals.
+void write_geometry(XmlText& xml, const std::vector<Shape>& visuals, const std::vector<Collision>& collisions,
                     const std::string& link) {
   for (const auto& shape : visuals) {
     if (link.empty() || shape.link == link) write_shape(xml, "visual", shape);
   }
-  for (const auto& capsule : capsules) {
+  for (const auto& [capsule, round] : collisions) {
     if (capsule.link != link) continue;
     Shape shape;
     shape.kind = ShapeKind::capsule;
     shape.from = capsule.from;
     shape.to = capsule.to;
     shape.radius = capsule.radius;
-    write_shape(xml, "collision", shape);
+    write_shape(xml, "collision", shape, round);
   }
 }
 
@@ -112,8 +149,9 @@ void write_hand(XmlText& xml, const HandDescription& hand, const UrdfOptions& op
   xml.open("link", {{"name", prefix + "hand"}});
   write_inertial(xml, options.fingers ? hand.body : rigid_hand(hand));
   if (options.geometry) {
-    auto capsules = hand.palm_capsules;  // those of the fingers cover them in any opening
-    capsules.insert(capsules.end(), hand.finger_capsules.begin(), hand.finger_capsules.end());
+    std::vector<Collision> capsules;
+    for (const auto& palm : hand.palm_capsules) capsules.push_back({palm});
+    for (const auto& fingers : hand.finger_capsules) capsules.push_back({fingers});  // in any opening
     write_geometry(xml, options.fingers ? hand.visuals : closed_hand_visuals(hand), capsules, "hand");
   }
   xml.close();
@@ -143,12 +181,13 @@ void write_arm(XmlText& xml, const RobotDescription& robot, const UrdfOptions& o
   if (options.hand && !robot.hand) throw std::invalid_argument("robot '" + robot.name + "' has no hand");
   const std::string& prefix = options.prefix;
   const auto visuals = link_visuals(robot);
+  const auto collisions = collisions_of(robot);
   for (std::size_t i = 0; i <= robot.joint_count(); ++i) {
     const std::string link = "link" + std::to_string(i);
     if (i > 0) write_joint(xml, robot, prefix, i);
     xml.open("link", {{"name", prefix + link}});
     write_inertial(xml, robot.links[i]);
-    if (options.geometry) write_geometry(xml, visuals, robot.capsules, link);
+    if (options.geometry) write_geometry(xml, visuals, collisions, link);
     xml.close();
   }
   write_fixed(xml, prefix + options.flange + "_joint", prefix + "link" + std::to_string(robot.joint_count()),

@@ -1,8 +1,6 @@
-#include "models/to_xacro.hpp"
-
 #include <stdexcept>
 
-#include "models/to_urdf.hpp"
+#include "models/write_robot.hpp"
 #include "models/xml_text.hpp"
 
 namespace multipanda {
@@ -22,8 +20,8 @@ std::string links_of(const std::string& urdf) {
   return urdf.substr(first, end - first);
 }
 
-// Pairs that are never checked for collision, as MoveIt's semantic description names them: of the links, or
-// of the hand with a link.
+// Pairs that are never checked for collision, in the notation of MoveIt's semantic description: two links, or
+// the hand and a link.
 std::string ignored_pairs(const RobotDescription& robot, bool of_hand) {
   std::vector<std::string> links;
   for (std::size_t i = 0; i <= robot.joint_count(); ++i) links.push_back("link" + std::to_string(i));
@@ -76,6 +74,19 @@ std::map<std::string, std::string> exported_descriptions() {
   }
   files["colors.xacro"] = kOpen + colors.text() + kClose;
   for (const auto& name : available_robots()) files[name + ".xacro"] = to_xacro(load_robot(name));
+  return files;
+}
+
+std::map<std::string, std::string> exported_models() {
+  std::map<std::string, std::string> files;
+  for (const auto& name : available_robots()) {
+    const RobotDescription robot = load_robot(name);
+    files[name + ".urdf"] = to_urdf(robot);
+    files[name + ".xml"] = to_mjcf(robot, {.rotor_hidden = 0});
+    if (!robot.hand) continue;
+    files[name + "_hand.urdf"] = to_urdf(robot, {.hand = true});
+    files[name + "_hand.xml"] = to_mjcf(robot, {.hand = true, .rotor_hidden = 0});
+  }
   return files;
 }
 

@@ -13,7 +13,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "models/body_hull.hpp"
+#include "core/geometry/distance.hpp"
 #include "models/capsule_fit.hpp"
 #include "models/urdf_tree.hpp"
 
@@ -38,6 +38,19 @@ Points points_of(const UrdfGeometry& shape, const std::filesystem::path& folder)
   throw std::invalid_argument(shape.file);
 }
 
+// The points in all places of a shape. Many places become few points first, around all that they replace.
+Points in_all_places(Points points, const std::vector<std::vector<Pose>>& steps) {
+  for (std::size_t k = steps.size(); k-- > 0;) {
+    if (k + 1 < steps.size()) points = fit_hull(points).corners;
+    Points placed;
+    for (const Pose& X : steps[k]) {
+      for (const auto& p : points) placed.push_back(X * p);
+    }
+    points = std::move(placed);
+  }
+  return points;
+}
+
 // Poses of link1 to linkN in the base.
 std::vector<Pose> poses(const RobotDescription& robot, const JointVector& q) {
   std::vector<Pose> result;
@@ -55,7 +68,7 @@ std::vector<Pose> poses(const RobotDescription& robot, const JointVector& q) {
 
 std::size_t link_of(const Capsule& capsule) { return std::stoul(capsule.link.substr(4)); }
 
-// A shape's row among all bodies that overlap: the hulls of the base, each for itself, then link1 to linkN.
+// Row of a shape in the overlap matrix: each hull of the base, then link1 to linkN.
 struct Rows {
   explicit Rows(const RobotDescription& robot)
       : hulls(robot.base_hulls.size()), count(static_cast<Eigen::Index>(hulls + robot.joint_count())) {}
@@ -69,8 +82,8 @@ struct Rows {
   Eigen::Index count;
 };
 
-// Which of them overlap in a configuration; neighbors, which are ignored anyway, never. A link that is nearer
-// to a hull than `clearance` counts, too.
+// Overlapping pairs in a configuration, without neighbors, which are ignored anyway. A link nearer to a hull
+// than `clearance` counts as overlapping.
 Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q, double clearance = 0) {
   const auto X = poses(robot, q);
   const Rows rows(robot);
@@ -81,8 +94,9 @@ Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q, do
       const std::size_t i = link_of(one), j = link_of(other);
       if (j <= i + 1) continue;
       const Pose &X_i = X[i - 1], &X_j = X[j - 1];
-      const double d = segment_distance(X_i * one.from, X_i * one.to, X_j * other.from, X_j * other.to);
-      if (d < one.radius + other.radius) result(rows.of_link(i), rows.of_link(j)) = 1;
+      const Closest closest = closest_capsules(X_i * one.from, X_i * one.to, one.radius, X_j * other.from,
+                                               X_j * other.to, other.radius);
+      if (closest.distance < 0) result(rows.of_link(i), rows.of_link(j)) = 1;
     }
   }
   for (const Capsule& capsule : robot.capsules) {
@@ -99,7 +113,7 @@ Eigen::MatrixXi overlaps(const RobotDescription& robot, const JointVector& q, do
   return result;
 }
 
-// Returns a sentence about them.
+// Returns a sentence that describes them.
 std::string ignore_touching_pairs(RobotDescription& robot) {
   constexpr int kSamples = 400;
   std::mt19937 random(1);
@@ -124,7 +138,7 @@ std::string ignore_touching_pairs(RobotDescription& robot) {
       ignored += (ignored.empty() ? "" : ", ") + robot.unguarded_pairs.back();
     }
   }
-  return ignored.empty() ? "" : " Not kept apart: neighbors, and " + ignored + ".";
+  return ignored.empty() ? "" : " Not checked: neighbors, and " + ignored + ".";
 }
 
 std::string millimeters(double length) {
@@ -133,7 +147,7 @@ std::string millimeters(double length) {
   return text;
 }
 
-// What a fit depends on, but for the meshes' content.
+// Inputs of a fit, apart from the content of the meshes.
 struct Fit {
   std::vector<Capsule> capsules;
   std::vector<BaseHull> base_hulls;
@@ -150,22 +164,24 @@ std::string key_of(const std::string& urdf_text, const UrdfChain& chain,
 
 void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesystem::path& folder,
          RobotDescription& robot) {
-  // By link of the arm, then by link of the URDF: all positions of a finger are one shape.
+  // By link of the arm, then by link of the URDF: all positions of a finger form one shape.
   std::vector<std::map<std::string, Points>> found(robot.joint_count() + 1);
-  // The base's are fitted in the frame of its first link R that has any, whatever link is the arm's
+  // Shapes of the base are fitted in the frame of its first link R with shapes, whichever link is the arm's
   // base_link: arms of one robot then have equal ones.
   std::optional<Pose> first;
   for (const AttachedShape& attached : attached_shapes(urdf_text, chain)) {
-    if (attached.segment == 0 && !first) first = attached.X_SG * attached.shape.X_LG.inverse();
+    if (attached.segment == 0 && !first)  // one place: joints do not move the base
+      first = attached.steps[0][0] * attached.shape.X_LG.inverse();
     try {
-      auto& points = found[attached.segment][attached.link];
-      for (const auto& p : points_of(attached.shape, folder)) points.push_back(attached.X_SG * p);
+      const Points placed = in_all_places(points_of(attached.shape, folder), attached.steps);
+      Points& points = found[attached.segment][attached.link];
+      points.insert(points.end(), placed.begin(), placed.end());
     } catch (const std::invalid_argument& error) {
       throw std::invalid_argument(
           "a collision shape of the link '" + attached.link + "' cannot be read: " + error.what() +
-          ". Without it the arm would not be kept clear there. Correct it, or write the "
-          "shapes into the model file ('self_collision: {capsules: {}, ignored_pairs: []}' "
-          "has none, and collision_avoidance then does not see the arm)");
+          ". Without it the arm would not be protected there. Correct it, or define the shapes in the model "
+          "file (with 'self_collision: {capsules: {}, ignored_pairs: []}' there are none, and "
+          "collision_avoidance ignores the arm)");
     }
   }
   const Pose X_BR = first.value_or(Pose{});
@@ -197,7 +213,7 @@ void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesy
       without += link;
   }
   std::string text = "Capsules fitted to the collision geometry of the URDF.";
-  if (!wider.empty()) text += " They reach at most so far beyond it: " + wider + ".";
+  if (!wider.empty()) text += " Largest excess beyond it: " + wider + ".";
   if (robot.base_hulls.empty()) {
     text += " The URDF has no collision geometry of link0, the body that carries the arm.";
   } else {
@@ -211,7 +227,7 @@ void fit(const std::string& urdf_text, const UrdfChain& chain, const std::filesy
 
 }  // namespace
 
-// A scene loads the same robot several times, and a fit takes up to seconds, so a process does it once.
+// Cached per process, because a scene loads a robot several times, and a fit takes up to seconds.
 void fit_collision(const std::string& urdf_text, const UrdfChain& chain, const std::filesystem::path& folder,
                    RobotDescription& robot) {
   static std::mutex mutex;
@@ -237,7 +253,7 @@ std::vector<std::filesystem::path> mesh_files(const std::filesystem::path& urdf)
       if (shape.kind != UrdfGeometry::Kind::mesh) continue;
       try {
         files.insert(urdf_file(shape.file, urdf.parent_path()));
-      } catch (const std::invalid_argument&) {  // of another part of the robot: it is not needed
+      } catch (const std::invalid_argument&) {  // for another part of the robot: not needed
       }
     }
   }

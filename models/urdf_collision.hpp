@@ -12,7 +12,7 @@ namespace multipanda {
 // per link of the arm, each containing what it is fitted to, and its base convex hulls, at most
 // kMostBaseHulls for all that is fixed to it. Two arms of one robot have equal ones, which count once
 // (core/features/collision_pairs.hpp). Pairs of links, or of a hull and a link, that overlap at home, or in
-// more than kOften of random configurations, are ignored: there the shapes are wider than the bodies. A hull
+// more than kOften of random configurations, are ignored: the shapes are wider than the bodies there. A hull
 // and a link that are nearer than kClearAtHome at home count as overlapping: collision_avoidance could not be
 // switched on there.
 // robot.origin["self_collision"] says what was found, how much wider the capsules are, and which pairs are

@@ -9,8 +9,8 @@
 #include <boost/property_tree/ptree.hpp>
 #include <boost/property_tree/xml_parser.hpp>
 
+#include "common/spelling.hpp"
 #include "models/robot_description.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -21,7 +21,7 @@ using Xml = boost::property_tree::ptree;
   throw std::invalid_argument("URDF: " + (where.empty() ? "" : where + ": ") + why);
 }
 
-// An element and its place, for messages.
+// An element with its place, for messages.
 struct Element {
   const Xml* xml;
   std::string where;
@@ -120,7 +120,7 @@ UrdfGeometry read_collision(const Element& collision) {
   refuse(geometry->where, "expected a shape");
 }
 
-// A mistake in a shape concerns only those who use it.
+// An invalid shape matters only to users of that shape.
 UrdfGeometry collision_or_reason(const Element& collision) {
   try {
     return read_collision(collision);
@@ -161,11 +161,37 @@ UrdfJoint read_joint(const Element& element, const std::string& name) {
     joint.velocity = limit->optional_number("velocity");
     joint.effort = limit->optional_number("effort");
   }
+  if (const auto dynamics = element.find("dynamics")) {
+    joint.damping = dynamics->optional_number("damping").value_or(0);
+    joint.friction = dynamics->optional_number("friction").value_or(0);
+  }
   if (const auto mimic = element.find("mimic")) {
     joint.mimic = UrdfMimic{mimic->text("joint"), mimic->optional_number("multiplier").value_or(1),
                             mimic->optional_number("offset").value_or(0)};
   }
   return joint;
+}
+
+// xacro replaces its own elements anywhere, and expressions in the attributes of links and joints.
+void refuse_xacro(const Xml& element, const std::string& where, bool with_expressions) {
+  const auto refuse_source = [](const std::string& place, const std::string& found) {
+    refuse(place, "found " + found +
+                      ", so this file is a source of xacro. Expand it first: xacro FILE > ROBOT.urdf");
+  };
+  for (const auto& [name, xml] : element) {
+    if (name == "<xmlattr>") {
+      for (const auto& [key, value] : xml) {
+        const std::string& text = value.data();
+        if (with_expressions && (text.find("${") != text.npos || text.find("$(") != text.npos))
+          refuse_source(where, key + "=\"" + text + "\"");
+      }
+      continue;
+    }
+    const std::string tag = "<" + name + ">";
+    if (name.starts_with("xacro:")) refuse_source(where, tag);
+    refuse_xacro(xml, where.empty() ? tag : where + ": " + tag,
+                 with_expressions || name == "link" || name == "joint");
+  }
 }
 
 void check_tree(const UrdfTree& tree) {
@@ -247,6 +273,7 @@ UrdfTree parse_urdf(const std::string& text) {
   }
   const auto root = document.get_child_optional("robot");
   if (!root) refuse("", "expected the root element <robot>");
+  refuse_xacro(*root, "", false);
   UrdfTree tree;
   tree.name = Element{&*root, "<robot>"}.text("name");
   for (const auto& [kind, xml] : *root) {

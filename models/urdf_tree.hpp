@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "core/types/spatial.hpp"
-#include "models/rigid_body.hpp"
+#include "models/robot_description.hpp"
 
-// A URDF as plain data: its links' masses and collision geometry, and its joints. Looks, transmissions,
+// A URDF as plain data: its links' masses and collision geometry, and its joints. Visuals, transmissions,
 // sensors and plugins are not read.
 namespace multipanda {
 
@@ -28,6 +28,8 @@ struct UrdfJoint {
       upper;                       // [rad] or [m]; none: not in the file, or the joint is continuous
   std::optional<double> velocity;  // [rad/s] or [m/s]
   std::optional<double> effort;    // [N m] or [N]
+  double damping = 0;              // [N m s/rad] or [N s/m]
+  double friction = 0;             // dry [N m] or [N]
   std::optional<UrdfMimic> mimic;
 
   bool turns() const { return type == "revolute" || type == "continuous"; }
@@ -43,7 +45,7 @@ struct UrdfGeometry {
   Pose X_LG;                        // in the link
   Vector3 size = Vector3::Zero();   // box: full edge lengths [m]
   double radius = 0, length = 0;    // cylinder (along z), sphere [m]
-  std::string file;                 // mesh: as written; unknown: what is wrong
+  std::string file;                 // mesh: as written; unknown shape: the fault
   Vector3 scale = Vector3::Ones();  // mesh
 };
 
@@ -60,8 +62,9 @@ struct UrdfTree {
   std::vector<const UrdfJoint*> child_joints(const std::string& link) const;
 };
 
-// Throws std::invalid_argument: what is wrong, and in which link or joint. Also refuses a file that is not a
-// tree: a link with two parents, a joint between links that do not exist, a loop.
+// Throws std::invalid_argument with the fault and the link or joint. Also refuses files that are not trees: a
+// link with two parents, a joint between missing links, a loop; and sources of xacro, of which a part would
+// be missing.
 UrdfTree parse_urdf(const std::string& text);
 
 }  // namespace multipanda

@@ -4,9 +4,8 @@
 #include <stdexcept>
 #include <unistd.h>
 
-#include <yaml-cpp/yaml.h>
-
 #include "models/xml_text.hpp"
+#include "yaml_reader/node.hpp"
 
 namespace multipanda {
 namespace {
@@ -16,6 +15,7 @@ namespace fs = std::filesystem;
 bool same(const FrictionLaw& a, const FrictionLaw& b);
 bool same(const TorqueSensor& a, const TorqueSensor& b);
 bool same(const Actuation& a, const Actuation& b);
+bool same(const IdentifiedRange& a, const IdentifiedRange& b);
 bool same(const HandDescription& a, const HandDescription& b);
 
 bool same(const JointVector& a, const JointVector& b) { return a.size() == b.size() && a == b; }
@@ -54,6 +54,10 @@ bool same(const TorqueSensor& a, const TorqueSensor& b) {
   return same(a.gain, b.gain) && same(a.offset, b.offset) && a.noise == b.noise;
 }
 
+bool same(const IdentifiedRange& a, const IdentifiedRange& b) {
+  return same(a.q_min, b.q_min) && same(a.q_max, b.q_max) && same(a.dq_max, b.dq_max);
+}
+
 bool same(const Actuation& a, const Actuation& b) {
   return a.torque_bandwidth_hz == b.torque_bandwidth_hz && a.command_delay == b.command_delay;
 }
@@ -67,13 +71,6 @@ bool same(const JointLimits& a, const JointLimits& b) {
   return same(a.q_min, b.q_min) && same(a.q_max, b.q_max) && same(a.dq_max, b.dq_max) &&
          same(a.tau_max, b.tau_max) && same(a.ddq_max, b.ddq_max) && same(a.dddq_max, b.dddq_max) &&
          same(a.tau_rate_max, b.tau_rate_max);
-}
-
-// Quoted and escaped text.
-std::string quoted(const std::string& text) {
-  YAML::Emitter emitter;
-  emitter << YAML::DoubleQuoted << text;
-  return emitter.c_str();
 }
 
 std::string list(const Eigen::Ref<const Eigen::VectorXd>& values) {
@@ -125,14 +122,19 @@ std::string text_of(const Actuation& actuation) {
          "\n  command_delay_s: " + exact(actuation.command_delay) + "\n";
 }
 
-// `word`: the value of a section that the base has and the robot does not have.
+std::string text_of(const IdentifiedRange& range) {
+  return "\n  lower_rad: " + list(range.q_min) + "\n  upper_rad: " + list(range.q_max) +
+         "\n  velocity_rad_per_s: " + list(range.dq_max) + "\n";
+}
+
+// `word`: placeholder for a section of the base that the robot removes.
 template <class T>
 std::string optional_section(const char* key, const std::optional<T>& section) {
   return std::string(key) + ":" + (section ? text_of(*section) : " none\n");
 }
 
-// How a file in `folder` names the base: robots of models/ by name, neighbors by their place from there,
-// others by their path.
+// Reference to the base in a file in `folder`: a robot name for robots of models/, otherwise a path, relative
+// if in the same folder.
 std::string name_of(const fs::path& base, const fs::path& folder) {
   const fs::path absolute = fs::weakly_canonical(base);
   const bool known = fs::weakly_canonical(models_folder()) == absolute.parent_path();
@@ -142,13 +144,13 @@ std::string name_of(const fs::path& base, const fs::path& folder) {
 }
 
 std::string whole_text(const RobotDescription& robot, const RobotDescription& base, const fs::path& folder) {
-  std::string text = "name: " + quoted(robot.name) + "\ntitle: " + quoted(robot.title) +
-                     "\nbase: " + quoted(name_of(base.file, folder)) + "\n";
+  std::string text = "name: " + yaml_quoted(robot.name) + "\ntitle: " + yaml_quoted(robot.title) +
+                     "\nbase: " + yaml_quoted(name_of(base.file, folder)) + "\n";
   std::string notes;
   for (const auto& [section, note] : robot.origin) {
     const auto below = base.origin.find(section);
     if (below == base.origin.end() || below->second != note) {
-      notes += "  " + quoted(section) + ": " + quoted(note) + "\n";
+      notes += "  " + yaml_quoted(section) + ": " + yaml_quoted(note) + "\n";
     }
   }
   if (!notes.empty()) text += "origin:\n" + notes;
@@ -178,6 +180,9 @@ std::string whole_text(const RobotDescription& robot, const RobotDescription& ba
     text += optional_section("torque_sensor", robot.torque_sensor);
   }
   if (!same(robot.actuation, base.actuation)) text += optional_section("actuation", robot.actuation);
+  if (!same(robot.identified_range, base.identified_range)) {
+    text += optional_section("identified_range", robot.identified_range);
+  }
   if (!same(robot.motor_inertia, base.motor_inertia)) {
     text += "motor_inertia_kg_m2: " +
             (robot.motor_inertia.size() > 0 ? list(robot.motor_inertia) : std::string("none")) + "\n";
@@ -206,7 +211,7 @@ void check(const RobotDescription& robot, const RobotDescription& base) {
   }
   for (std::size_t j = 0; j < robot.joint_count(); ++j) {
     if (robot.is_prismatic(j) != base.is_prismatic(j))
-      refuse("joint" + std::to_string(j + 1) + " slides in one of them and turns in the other");
+      refuse("joint" + std::to_string(j + 1) + " is prismatic in one of them and revolute in the other");
   }
   if (!same(robot.limits, base.limits)) refuse("its limits differ from those of its base");
   if (!same(robot.hand, base.hand)) refuse("its hand differs from that of its base");
@@ -218,7 +223,7 @@ void write_robot(const RobotDescription& robot, const RobotDescription& base, co
   check(robot, base);
   const fs::path folder = file.has_parent_path() ? file.parent_path() : fs::path(".");
   fs::create_directories(folder);
-  // In the folder of the final file, because the base may be relative to it.
+  // Written to the folder of the final file, because the base may be relative to it.
   const fs::path draft = folder / (file.filename().string() + "." + std::to_string(::getpid()));
   {
     std::ofstream out(draft, std::ios::binary);

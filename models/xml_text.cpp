@@ -1,8 +1,8 @@
 #include "models/xml_text.hpp"
 
-#include <array>
-#include <charconv>
 #include <stdexcept>
+
+#include "common/text.hpp"
 
 namespace multipanda {
 namespace {
@@ -33,9 +33,7 @@ std::string escaped(const std::string& text) {
 }  // namespace
 
 std::string exact(double value) {
-  std::array<char, 32> buffer{};
-  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value == 0 ? 0.0 : value).ptr;
-  return {buffer.data(), end};
+  return number_text(value == 0 ? 0.0 : value);  // no "-0"
 }
 
 std::string exact(const Vector3& v) { return exact(v.x()) + " " + exact(v.y()) + " " + exact(v.z()); }

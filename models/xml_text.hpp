@@ -9,7 +9,7 @@
 
 namespace multipanda {
 
-// The shortest text that reads back as the same double, whatever the locale.
+// The shortest text that reads back as the same double, independent of the locale.
 std::string exact(double value);
 std::string exact(const Vector3& v);     // separated by blanks
 std::string exact(const Quaternion& q);  // w x y z

@@ -1,7 +1,9 @@
 #include "motion_generators/publish.hpp"
 
 #include <algorithm>
+#include <stdexcept>
 
+#include "core/rt/cycle_histogram.hpp"
 #include "core/rt/pacer.hpp"
 
 namespace multipanda {
@@ -12,31 +14,7 @@ using circular_field::CourseRun;
 constexpr double kLongestBrake = 1;        // [s]
 constexpr double kLongestRehearsal = 600;  // [s]
 
-// A histogram of times in microseconds, since a publication may last for days.
-class Microseconds {
- public:
-  void add(std::chrono::nanoseconds t) {
-    worst_ = std::max(worst_, t);
-    const auto bin = static_cast<std::size_t>(std::max<std::int64_t>(t.count(), 0) / 1000);
-    ++bins_[std::min(bin, bins_.size() - 1)];
-    ++count_;
-  }
-  double worst() const { return static_cast<double>(worst_.count()) * 1e-3; }
-  double quantile(double q) const {
-    const auto rank = static_cast<std::uint64_t>(q * static_cast<double>(count_));
-    std::uint64_t seen = 0;
-    for (std::size_t bin = 0; bin < bins_.size(); ++bin) {
-      seen += bins_[bin];
-      if (seen > rank) return bin + 1 == bins_.size() ? worst() : static_cast<double>(bin);
-    }
-    return worst();
-  }
-
- private:
-  std::vector<std::uint64_t> bins_ = std::vector<std::uint64_t>(20'001);
-  std::uint64_t count_ = 0;
-  std::chrono::nanoseconds worst_{0};
-};
+double us(std::int64_t ns) { return 1e-3 * static_cast<double>(ns); }
 
 // Plans one period and updates the report.
 void plan(CourseRun& run, double dt, PublishReport& report) {
@@ -64,7 +42,7 @@ void count_goals(const CourseRun& run, PublishReport& report) {
 
 void publish(const Publication& what, const PublishOptions& options, PublishReport& report) {
   const double dt = seconds(options.period);
-  Microseconds late, step;
+  CycleHistogram late, step;
   double brake_since = 0;
   std::uint64_t unsent_in_a_row = 0;
   Pacer pacer(options.period);
@@ -73,16 +51,16 @@ void publish(const Publication& what, const PublishOptions& options, PublishRepo
   for (;;) {
     const std::uint64_t missed_before = pacer.overruns();
     pacer.wait();
-    late.add(pacer.lateness());
+    late.add(pacer.lateness().count());
     const HostTime woke = host_now();
     for (std::uint64_t k = missed_before; k <= pacer.overruns(); ++k) what.step(dt);
-    step.add(host_now() - woke);
+    step.add((host_now() - woke).count());
     const std::size_t unsent = what.send(woke.ns);
     report.unsent += unsent;
     unsent_in_a_row = unsent < what.per_period ? 0 : unsent_in_a_row + 1;
     ++report.samples;
     if (static_cast<double>(unsent_in_a_row) * dt > options.patience_s) {
-      report.ended_by = "nobody_listens";
+      report.ended_by = "no_receiver";
       break;
     }
     if (report.ended_by.empty()) {
@@ -96,11 +74,11 @@ void publish(const Publication& what, const PublishOptions& options, PublishRepo
   report.missed = pacer.overruns();
   report.elapsed_s = seconds(host_now() - begin);
   report.rate_hz = static_cast<double>(report.samples) / report.elapsed_s;
-  report.late_median_us = late.quantile(0.5);
-  report.late_p99_us = late.quantile(0.99);
-  report.late_worst_us = late.worst();
-  report.step_median_us = step.quantile(0.5);
-  report.step_worst_us = step.worst();
+  report.late_median_us = us(late.percentile(0.5));
+  report.late_p99_us = us(late.percentile(0.99));
+  report.late_worst_us = us(late.max());
+  report.step_median_us = us(step.percentile(0.5));
+  report.step_worst_us = us(step.max());
 }
 
 PublishReport publish_course(CourseRun& run, PoseSink& sink, const PublishOptions& options) {
@@ -129,21 +107,83 @@ PublishReport rehearse_course(CourseRun& run, const PublishOptions& options) {
   PublishReport report;
   report.clearance_m = run.clearance();
   const double dt = seconds(options.period);
-  Microseconds step;
+  CycleHistogram step;
   const HostTime begin = host_now();
   while (report.ended_by.empty()) {
     const HostTime before = host_now();
     plan(run, dt, report);
-    step.add(host_now() - before);
+    step.add((host_now() - before).count());
     ++report.samples;
     report.ended_by = ending(run.time(), run.finished(), options);
     if (report.ended_by.empty() && run.time() >= kLongestRehearsal) report.ended_by = "duration";
   }
   report.elapsed_s = seconds(host_now() - begin);
-  report.step_median_us = step.quantile(0.5);
-  report.step_worst_us = step.worst();
+  report.step_median_us = us(step.percentile(0.5));
+  report.step_worst_us = us(step.max());
   count_goals(run, report);
   return report;
+}
+
+using circular_field::Course;
+
+CourseSink::CourseSink(SetPointChannel& channel, const Course& course) : channel_(channel) {
+  for (std::size_t i = 0; i < course.hands.size(); ++i) {
+    const auto& hand = course.hands[i];
+    if (hand.publish.empty()) {
+      throw std::invalid_argument("course '" + course.name + "': hand '" + hand.spec.name +
+                                  "' has no destination; name a controllet and an input under 'publish'");
+    }
+    for (const auto& to : hand.publish)
+      to_.push_back({i, to.offset, channel.open(to.controllet, to.input, Quantity::pose)});
+  }
+}
+
+bool CourseSink::publish(std::size_t hand, const Pose& X_W, std::int64_t time_ns) {
+  bool sent = false;
+  for (const auto& to : to_) {
+    if (to.hand != hand) continue;
+    const auto values = Pose{X_W.rotation, X_W.position + to.offset}.values();
+    if (channel_.send(to.stream, values, time_ns)) sent = true;
+  }
+  return sent;
+}
+
+std::vector<Pose> starts_in(SetPointChannel& channel, const Course& course) {
+  std::vector<Pose> starts;
+  for (const auto& hand : course.hands) {
+    std::vector<Pose> poses;
+    try {
+      for (const auto& arm : channel.arms(hand.start_at)) poses.push_back(arm.X_WE);
+    } catch (const std::invalid_argument& refusal) {
+      throw std::invalid_argument("course '" + course.name + "': " + refusal.what());
+    }
+    if (poses.empty()) poses.push_back(hand.start.value());
+    starts.push_back(midway(poses));
+  }
+  return starts;
+}
+
+std::vector<Pose> starts_of(const Course& course) {
+  std::vector<Pose> starts;
+  for (const auto& hand : course.hands) {
+    if (!hand.start) {
+      throw std::invalid_argument("course '" + course.name + "': hand '" + hand.spec.name +
+                                  "' starts at an arm of a run; without a run it needs 'start'");
+    }
+    starts.push_back(*hand.start);
+  }
+  return starts;
+}
+
+Pose midway(const std::vector<Pose>& poses) {
+  Pose mean = poses.at(0);
+  for (std::size_t i = 1; i < poses.size(); ++i) {
+    const double share = 1.0 / static_cast<double>(i + 1);
+    mean.position += share * (poses[i].position - mean.position);
+    mean.rotation =
+        exp_rotation(share * log_rotation(poses[i].rotation * mean.rotation.transpose())) * mean.rotation;
+  }
+  return mean;
 }
 
 }  // namespace multipanda

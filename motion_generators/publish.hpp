@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "motion_generators/circular_field/course.hpp"
+#include "motion_generators/set_point_channel.hpp"
 
 namespace multipanda {
 
@@ -29,7 +30,7 @@ struct PublishOptions {
 
 // The result of a publication. Times are of this machine's steady clock.
 struct PublishReport {
-  std::string ended_by;       // "goals", "duration", "stopped", "nobody_listens"
+  std::string ended_by;       // "goals", "duration", "stopped", "no_receiver"
   std::uint64_t samples = 0;  // periods in which poses were published
   std::uint64_t unsent = 0;   // poses that were not delivered
   std::uint64_t missed = 0;   // periods without a pose because the process woke too late
@@ -65,5 +66,34 @@ PublishReport publish_course(circular_field::CourseRun& run, PoseSink& sink, con
 // Plans a course without a clock and without publishing, as fast as possible, for `seconds` (0: until the
 // last goals, at most 600 s). Rate and lateness are zero.
 PublishReport rehearse_course(circular_field::CourseRun& run, const PublishOptions& options);
+
+// Publishes a course's poses to the inputs that it names.
+class CourseSink final : public PoseSink {
+ public:
+  // Opens a stream for every destination of the course. Throws std::invalid_argument for a hand without a
+  // destination, and the channel's exceptions. `channel` must outlive the sink.
+  CourseSink(SetPointChannel& channel, const circular_field::Course& course);
+
+  // Returns false only if no stream of the hand accepted the pose.
+  bool publish(std::size_t hand, const Pose& X_W, std::int64_t time_ns) override;
+
+ private:
+  struct To {
+    std::size_t hand;
+    Vector3 offset;
+    SetPointChannel::Stream stream;
+  };
+  SetPointChannel& channel_;
+  std::vector<To> to_;
+};
+
+// Start poses of the hands of a course: at the arms that they name, otherwise their own start poses. Throws
+// std::invalid_argument for an arm that the run does not have.
+std::vector<Pose> starts_in(SetPointChannel& channel, const circular_field::Course& course);
+// The same without a run. Throws std::invalid_argument for a hand without a start pose.
+std::vector<Pose> starts_of(const circular_field::Course& course);
+
+// The mean of one or more poses, in position and along the shortest rotation.
+Pose midway(const std::vector<Pose>& poses);
 
 }  // namespace multipanda

@@ -2,8 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "motion_generators/circular_field/seeded_course.hpp"
-#include "motion_generators/course_sink.hpp"
+#include "motion_generators/testing/seeded_course.hpp"
 
 namespace multipanda::publish_test {
 namespace {
@@ -50,7 +49,7 @@ TEST(Publish, EndsWhenStoppedFinishedOrNotDelivered) {
   memory.refuses = true;
   CourseRun alone = run_of(seeded_course(5));
   const PublishReport report = publish_course(alone, memory, {.patience_s = 0.5});
-  EXPECT_EQ(report.ended_by, "nobody_listens");
+  EXPECT_EQ(report.ended_by, "no_receiver");
   EXPECT_EQ(report.unsent, 2 * report.samples);
 
   CourseRun rehearsed = run_of(seeded_course(5));

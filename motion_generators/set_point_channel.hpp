@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -9,6 +10,7 @@
 
 #include "core/reference/target.hpp"
 #include "core/types/joints.hpp"
+#include "runtime/live_input/client.hpp"
 
 namespace multipanda {
 
@@ -31,17 +33,34 @@ class SetPointChannel {
   // Sends the newest set-point, values as in a Target. Never waits or throws. Returns false if it
   // was not delivered.
   virtual bool send(Stream stream, std::span<const double> values, std::int64_t time_ns) = 0;
-  // Sends each stream's newest set-point as a goal, so that the end of the stream does not count as a lost
-  // publisher. Skips inputs whose controllet does not run.
+  // Sends each stream's newest set-point as a goal, so that the end of the stream is not taken for a lost
+  // publisher. Skips inputs whose controllet is not active.
   virtual void rest() = 0;
   // One object per stream, in order, with the delivery counts that this channel knows.
   virtual nlohmann::json channels() = 0;
 };
 
-// A pose as a Target's values: x y z qw qx qy qz.
-inline std::vector<double> values_of(const Pose& X) {
-  const Quaternion q = X.quaternion();
-  return {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()};
-}
+// Sends set-points to a running scene by packets over its live-input socket.
+class LiveInputChannel final : public SetPointChannel {
+ public:
+  explicit LiveInputChannel(const std::filesystem::path& socket);
+
+  std::vector<Arm> arms(const std::vector<std::string>& names) override;
+  Stream open(const std::string& controllet, const std::string& input, Quantity quantity) override;
+  bool send(Stream stream, std::span<const double> values, std::int64_t time_ns) override;
+  void rest() override;
+  // The run's counts for each stream: received, lost, refused, ... (docs/live_input.md).
+  nlohmann::json channels() override;
+
+ private:
+  struct Open {
+    std::string controllet, input;
+    Quantity quantity;
+    ReferenceStream packets;
+    std::vector<double> newest;
+  };
+  LiveClient client_;
+  std::vector<Open> streams_;
+};
 
 }  // namespace multipanda

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What `multipanda export --lerobot` starts: the Python package of this tree, or the one that is installed."""
+"""Entry point of `multipanda export --lerobot`: uses the Python package of this tree, or the installed one."""
 
 import pathlib
 import sys
@@ -8,7 +8,7 @@ TREE = pathlib.Path(__file__).resolve().parent.parent / "python"
 if TREE.exists():
     sys.path.insert(0, str(TREE))
 
-from multipanda.lerobot.export import main  # noqa: E402  the path comes first
+from multipanda.lerobot.export import main
 
 if __name__ == "__main__":
     sys.exit(main())

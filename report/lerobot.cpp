@@ -6,11 +6,11 @@
 
 #include <nlohmann/json.hpp>
 
+#include "common/child_process.hpp"
+#include "common/own_files.hpp"
 #include "logs/export.hpp"
 #include "report/run_of_log.hpp"
-#include "scene/carried_arms.hpp"
-#include "support/child_process.hpp"
-#include "support/own_files.hpp"
+#include "scene/build.hpp"
 
 namespace multipanda {
 namespace {
@@ -18,7 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
-// A folder that is gone at the end, unless its contents were moved away.
+// A temporary folder, removed at the end unless its contents were moved away.
 class WorkFolder {
  public:
   explicit WorkFolder(fs::path path) : path_(std::move(path)) {
@@ -38,7 +38,7 @@ class WorkFolder {
   fs::path path_;
 };
 
-// What the script needs of a log beside its numbers.
+// Data of a log that the script needs besides its arrays.
 Json about(const fs::path& log, const fs::path& npz) {
   const RunOfLog run = read_run(log);
   const fs::path whole = fs::absolute(log).lexically_normal();
@@ -56,15 +56,12 @@ Json about(const fs::path& log, const fs::path& npz) {
                                   {"inputs", instance.value("inputs", Json::array())}});
     }
   }
-  if (out["arms"].empty()) throw std::runtime_error(log.string() + " names no arms: it is no log of a run");
+  if (out["arms"].empty())
+    throw std::runtime_error(log.string() + " names no arms: it is not the log of a run");
   out["bases"] = Json::object();
   if (run.scene) {
     refuse_carried_arms(*run.scene, "a data set with one base per arm");
-    for (const SceneArm& arm : run.scene->arms) {
-      const auto& p = arm.X_WB.position;
-      const Quaternion q = arm.X_WB.quaternion();
-      out["bases"][arm.name] = {p.x(), p.y(), p.z(), q.w(), q.x(), q.y(), q.z()};
-    }
+    for (const SceneArm& arm : run.scene->arms) out["bases"][arm.name] = arm.X_WB.values();
   }
   return out;
 }
@@ -75,13 +72,13 @@ LerobotResult export_lerobot(const std::vector<fs::path>& logs, const fs::path& 
                              const LerobotOptions& options) {
   if (logs.empty()) throw std::runtime_error("a data set needs one log or more");
   if (fs::exists(folder))
-    throw std::runtime_error(folder.string() + " exists already; name a new folder, or remove it");
+    throw std::runtime_error(folder.string() + " exists already; choose another folder, or remove it");
   const fs::path script = share_folder() / "report" / "export_lerobot.py";
   const fs::path python = page_python();
   if (!fs::exists(script) || !fs::exists(python))
     throw std::runtime_error("the export needs " + script.string() + " and " + python.string() + "; " +
                              page_packages_cure());
-  // Beside the result, so that its last step is a rename.
+  // Next to the result, so that the last step is a rename.
   const WorkFolder work(folder.string() + ".part" + std::to_string(getpid()));
   LerobotResult result;
   Json material{{"arms", options.arms},         {"action", options.action},   {"observe", options.observe},
@@ -95,7 +92,7 @@ LerobotResult export_lerobot(const std::vector<fs::path>& logs, const fs::path& 
   const fs::path input = work.path() / "material.json", made = work.path() / "dataset";
   fs::create_directories(made);
   std::ofstream(input) << material.dump(-1, ' ', false, Json::error_handler_t::replace);
-  // -E: PYTHONPATH of a sourced ROS 2 must not mix with the interpreter's own packages.
+  // -E: keeps PYTHONPATH of a sourced ROS 2 from hiding the interpreter's packages.
   const ProgramResult ran = run_program(python, {"-E", "-B", script.string(), input.string(), made.string()});
   std::ifstream answered(work.path() / "result.json");
   const Json answer = Json::parse(answered, nullptr, false);

@@ -27,7 +27,7 @@ class Run:
 
     @property
     def _archive(self):
-        """Opened once per process: a forked process would share the file position with its parent."""
+        """Opened once per process: a forked process would share its parent's file position."""
         key = f"archive of process {os.getpid()}"
         if key not in self._cache:
             self._cache[key] = np.load(self.path, allow_pickle=False)
@@ -63,7 +63,7 @@ class Run:
 
     @cached_property
     def arms(self):
-        """Names: in the scene's order if it is known, otherwise in alphabetical order."""
+        """Arm names in the scene's order if known, otherwise alphabetically."""
         logged = {name.removesuffix("/state/t") for name in self.names if name.endswith("/state/t")}
         known = [arm["name"] for arm in self.layout.get("arms") or []]
         return known + sorted(logged - set(known))
@@ -89,7 +89,7 @@ class Run:
             found[entry["name"]] = {"type": entry.get("type", ""), "arms": list(entry.get("arms") or [])}
         for name, arms in (self.meta.get("instance_arms") or {}).items():
             found.setdefault(name, {"type": "", "arms": []})["arms"] = list(arms)
-        for arm in self.arms:  # without a layout: the arms that it was seen to own
+        for arm in self.arms:  # without a layout: the arms that it owned in the log
             for span in self.spans(arm):
                 entry = found.setdefault(span.instance, {"type": "", "arms": []})
                 if not self.layout and arm not in entry["arms"]:

@@ -1,19 +1,22 @@
+#include <array>
 #include <chrono>
 #include <csignal>
 #include <cstdlib>
 #include <fstream>
 #include <iterator>
+#include <optional>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "logs/mcap_reader.hpp"
 #include "logs/mcap_writer.hpp"
 #include "logs/messages.hpp"
 #include "logs/testing/test_files.hpp"
 #include "report/report.hpp"
-#include "report/scene_pictures.hpp"
+#include "report/run_of_log.hpp"
 
 namespace multipanda::make_report_test {
 namespace {
@@ -108,6 +111,51 @@ TEST(Report, RepairsTheLogOfAKilledRun) {
   EXPECT_THAT(content_of(result.page), HasSubstr("It was repaired"));
 }
 
+// The picture of a run whose log says that a box was carried away is that of a scene where it lies there.
+TEST(Report, DrawsFreeObjectsWhereTheLogHasThem) {
+  const TestFolder folder;
+  const auto drawn = [&](const std::string& name, double y, std::optional<double> logged_y) {
+    const auto log = folder / (name + ".mcap");
+    {
+      McapWriter writer(log);
+      const std::string scene =
+          "name: box\narms: [{name: left, model: fr3}]\nobjects: [{name: parcel, shape: box, size_m: [0.2, "
+          "0.1, 0.1], "
+          "fixed: false, mass_kg: 1, position_m: [0.6, " +
+          std::to_string(y) + ", 0.4]}]\n";
+      writer.add(mcap::Attachment{.name = "scene.yaml", .media_type = "text/yaml", .data = scene});
+      const auto states = writer.add_channel<msg::ArmState>("/left/state");
+      const auto objects = writer.add_channel<msg::ObjectPose>("/objects/parcel");
+      for (std::uint64_t i = 0; i <= 300; ++i) {
+        msg::ArmState state;
+        state.stamp.nanosec = static_cast<std::uint32_t>(i) * 1'000'000u;
+        state.cycle = i;
+        state.arm = "left";
+        state.q = {0, -0.8, 0, -2.4, 0, 1.6, 0.8};
+        writer.write(states, static_cast<std::int64_t>(i) * 1'000'000, state);
+        msg::ObjectPose pose;
+        pose.stamp = state.stamp;
+        pose.object = "parcel";
+        pose.pose.position = {0.6, logged_y.value_or(0), 0.4};
+        pose.pose.orientation.w = 1;
+        if (logged_y && i % 20 == 0) writer.write(objects, static_cast<std::int64_t>(i) * 1'000'000, pose);
+      }
+    }
+    std::filesystem::create_directories(folder / name);
+    const RunOfLog run = read_run(log);
+    EXPECT_EQ(run.scene_missing, "");
+    return draw_scene({.scene = run.scene, .moments = {run.moments.back()}}, 1, folder / name);
+  };
+  const ScenePictures there = drawn("there", 0.3, {}), carried = drawn("carried", -0.3, 0.3),
+                      left = drawn("left", -0.3, {});
+  if (!there.missing.empty()) GTEST_SKIP() << there.missing;
+  ASSERT_EQ(carried.pictures.size(), 1u);
+  EXPECT_EQ(carried.note, "");
+  EXPECT_THAT(left.note, HasSubstr("initial positions"));
+  EXPECT_EQ(content_of(carried.pictures[0].file), content_of(there.pictures[0].file));
+  EXPECT_NE(content_of(left.pictures[0].file), content_of(there.pictures[0].file));
+}
+
 // A signal ends the program, so this runs in a separate process.
 TEST(Report, LeavesNoDataBehindWhenInterrupted) {
   const TestFolder folder;
@@ -137,6 +185,43 @@ TEST(Report, ReportsErrors) {
   } catch (const std::runtime_error& error) {
     EXPECT_THAT(error.what(), HasSubstr("there is no log"));
   }
+  {
+    McapWriter writer(folder / "log.mcap");
+    const auto laser = writer.add_channel("/scan", "sensor_msgs/msg/LaserScan", "float32[] ranges");
+    const std::array<std::uint8_t, 8> nothing{0, 1, 0, 0};
+    writer.write_bytes(laser, 0, nothing);
+  }
+  try {
+    (void)make_report(folder.path());
+    FAIL() << "the log of another program";
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("its topics: /scan (sensor_msgs/msg/LaserScan)"),
+                                             HasSubstr(msg::ArmState::kType)));
+  }
+}
+
+// Bytes that a closed log has lost in its middle: the report names them and leaves the log as it is.
+TEST(Report, NamesDamageOfAClosedLogAndChangesNothing) {
+  const TestFolder folder;
+  const auto log = folder / "log.mcap";
+  write_log(log, true);
+  std::string bytes = content_of(log);
+  {
+    McapScanner scanner(log);
+    int chunks = 0;
+    while (const auto record = scanner.next()) {
+      if (record->opcode == mcap::Opcode::chunk && ++chunks == 3)
+        bytes.replace(record->offset + record->content.size() / 2, 20, 20, '\x5a');
+    }
+    ASSERT_GT(chunks, 5);
+  }
+  put_content(log, bytes);
+  std::filesystem::last_write_time(log,
+                                   std::filesystem::file_time_type::clock::now() - std::chrono::hours(1));
+  const ReportResult result = make_report(log);
+  EXPECT_FALSE(result.repaired);
+  EXPECT_EQ(content_of(log), bytes);
+  EXPECT_THAT(content_of(result.page), HasSubstr("damaged records are left out"));
 }
 
 }  // namespace

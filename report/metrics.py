@@ -1,29 +1,19 @@
 """Figures of a run: pure functions of a loading.Run. None: the log lacks the data."""
 
-import math
-
 import numpy as np
+
+from report.series import percentile, rms
 
 FRESH_RUN_CYCLE = 1  # number of the first cycle of a run
 
 
-def percentile(values, share):
-    """Smallest value that at least `share` of all do not exceed (nearest rank), as the live summary counts it."""
-    rank = max(1, math.ceil(share * len(values) - 1e-6))  # 0.999 * 4000 is 3996, not a little more
-    return float(np.partition(values, rank - 1)[rank - 1])
-
-
 def cycle_times(run):
-    """p50, p99, p99.9 and worst of the whole cycle [s]; every recorded cycle counts, the first included."""
+    """Median, p99, p99.9 and worst of the whole cycle [s]; every recorded cycle counts, the first included."""
     total = run.get("timing/total")
     if total is None:
         return None
-    return {
-        "p50": percentile(total, 0.5),
-        "p99": percentile(total, 0.99),
-        "p99.9": percentile(total, 0.999),
-        "max": float(total.max()),
-    }
+    shares = {"median": 0.5, "p99": 0.99, "p99.9": 0.999, "worst": 1.0}
+    return {name: percentile(total, share) for name, share in shares.items()}
 
 
 def duration(run):
@@ -39,7 +29,7 @@ def cycle_counts(run):
     """recorded, missing between first and last, missing before the first, overruns; None for each unknown one."""
     cycle, overruns = run.get("timing/cycle"), run.get("timing/overruns")
     if cycle is None:
-        return {"recorded": None, "missing": None, "missing_before": None, "overruns": None}
+        return dict.fromkeys(("recorded", "missing", "missing_before", "overruns"))
     return {
         "recorded": len(cycle),
         "missing": int(cycle[-1] - cycle[0] + 1 - len(cycle)),
@@ -48,24 +38,25 @@ def cycle_counts(run):
     }
 
 
-def loop_rate(run):
-    """Cycles per second of the computer's clock, including lost records; None with fewer than two cycles."""
-    start, cycle = run.get("timing/start"), run.get("timing/cycle")
+def _per_second(run, name):
+    start, values = run.get("timing/start"), run.get(f"timing/{name}")
     if start is None or len(start) < 2 or start[-1] <= start[0]:
         return None
-    return float((cycle[-1] - cycle[0]) / (start[-1] - start[0]))
+    return float((values[-1] - values[0]) / (start[-1] - start[0]))
+
+
+def loop_rate(run):
+    """Cycles per second of the computer's clock, including lost records; None with fewer than two cycles."""
+    return _per_second(run, "cycle")
 
 
 def realtime_factor(run):
     """Loop time over the computer's time."""
-    t, start = run.get("timing/t"), run.get("timing/start")
-    if start is None or len(start) < 2 or start[-1] <= start[0]:
-        return None
-    return float((t[-1] - t[0]) / (start[-1] - start[0]))
+    return _per_second(run, "t")
 
 
 def is_paced(run):
-    """As the log says; otherwise, whether loop time advanced with the computer's time."""
+    """Whether the run was paced: from the log, otherwise by comparing loop time with the computer's time."""
     said = (run.meta.get("run") or {}).get("paced")
     if said in ("true", "false"):
         return said == "true"
@@ -123,17 +114,27 @@ def _rows_of(cycles, requested):
     return rows, cycles[rows] == requested
 
 
+def own_inputs(run, instance, arm, kind):
+    """Topics of the instance's targets of this kind when it owns this arm alone."""
+    if (run.instances.get(instance, {}).get("arms") or []) != [arm]:
+        return []
+    topics = [name.removesuffix("/kind") for name in sorted(run.names) if name.endswith("/kind")]
+    kinds = {topic: run.get(f"{topic}/kind") for topic in topics if topic.rpartition("/")[0] == instance}
+    return [topic for topic, found in kinds.items() if found is not None and found[0] == kind]
+
+
 def _own_pose_input(run, instance, arm):
     """Topic of the instance's pose target when it owns this arm alone and the target is in the world."""
-    if (run.instances.get(instance, {}).get("arms") or []) != [arm]:
-        return None
-    for name in sorted(run.names):
-        topic, _, leaf = name.rpartition("/")
-        if leaf == "kind" and topic.rpartition("/")[0] == instance:
-            kind, frame = run.get(name), run.get(f"{topic}/frame")
-            if kind is not None and kind[0] == "pose" and (frame is None or frame[0] in ("", "world")):
-                return topic
+    for topic in own_inputs(run, instance, arm, "pose"):
+        frame = run.get(f"{topic}/frame")
+        if frame is None or frame[0] in ("", "world"):
+            return topic
     return None
+
+
+def owners(run, arm):
+    """Names of the instances that owned the arm, in the order of their first time."""
+    return list(dict.fromkeys(span.instance for span in run.spans(arm)))
 
 
 def pose_errors(run, arm):
@@ -142,7 +143,7 @@ def pose_errors(run, arm):
     Desired minus actual, world axes: the controllet's own error output if it has one, otherwise target minus model.
     """
     out = []
-    for instance in dict.fromkeys(span.instance for span in run.spans(arm)):
+    for instance in owners(run, arm):
         prefix = output_prefix(run, instance, arm)
         if prefix is not None:
             topic = f"{instance}/outputs/{prefix}"
@@ -152,30 +153,18 @@ def pose_errors(run, arm):
                 continue
             if rotation is None or len(rotation) != len(position):
                 rotation = np.full_like(position, np.nan)
-            out.append(
-                {
-                    "instance": instance,
-                    "t": run.get(f"{topic}position_error_m/t"),
-                    "position": position,
-                    "rotation": rotation,
-                }
-            )
+            t = run.get(f"{topic}position_error_m/t")
+            out.append({"instance": instance, "t": t, "position": position, "rotation": rotation})
             continue
         topic, model = _own_pose_input(run, instance, arm), _model_pose(run, arm)
         if topic is None or model is None:
             continue
         value, cycle = run.get(f"{topic}/value"), run.get(f"{topic}/cycle")
         rows, found = _rows_of(model[0], cycle)
-        rows, value = rows[found], value[found]
+        rows, value, t = rows[found], value[found], run.get(f"{topic}/t")[found]
         if len(value):
-            out.append(
-                {
-                    "instance": instance,
-                    "t": run.get(f"{topic}/t")[found],
-                    "position": value[:, :3] - model[1][rows],
-                    "rotation": rotation_error(value[:, 3:7], model[2][rows]),
-                }
-            )
+            position, rotation = value[:, :3] - model[1][rows], rotation_error(value[:, 3:7], model[2][rows])
+            out.append({"instance": instance, "t": t, "position": position, "rotation": rotation})
     return out
 
 
@@ -186,7 +175,7 @@ def pose_targets(run, arm):
     """
     out, model = [], _model_pose(run, arm)
     errors = {entry["instance"]: entry for entry in pose_errors(run, arm)}
-    for instance in dict.fromkeys(span.instance for span in run.spans(arm)):
+    for instance in owners(run, arm):
         topic = _own_pose_input(run, instance, arm)
         if topic is not None:
             out.append({"instance": instance, "t": run.get(f"{topic}/t"), "position": run.get(f"{topic}/value")[:, :3]})
@@ -194,41 +183,26 @@ def pose_targets(run, arm):
             t_model = run.get(f"{arm}/model/t")
             rows, found = _rows_of(t_model, errors[instance]["t"])  # both are the stamp of the same cycle
             if found.any():
-                out.append(
-                    {
-                        "instance": instance,
-                        "t": errors[instance]["t"][found],
-                        "position": model[1][rows[found]] + errors[instance]["position"][found],
-                    }
-                )
+                t, error = errors[instance]["t"][found], errors[instance]["position"][found]
+                out.append({"instance": instance, "t": t, "position": model[1][rows[found]] + error})
     return out
 
 
 def joint_targets(run, arm):
-    """Joint set-points per owner: {"instance", "t", "q_d" (N x n) [rad], "error" (N x n) = q_d - q}."""
+    """Joint set-points per owner: {"instance", "topic", "t", "q_d" (N x n) [rad], "error" (N x n) = q_d - q}."""
     out, q, cycles = [], run.get(f"{arm}/state/q"), run.get(f"{arm}/state/cycle")
-    if q is None:
-        return out
-    for instance in dict.fromkeys(span.instance for span in run.spans(arm)):
-        if (run.instances.get(instance, {}).get("arms") or []) != [arm]:
-            continue
-        for name in sorted(run.names):
-            topic, _, leaf = name.rpartition("/")
-            if leaf != "kind" or topic.rpartition("/")[0] != instance or run.get(name) is None:
-                continue
+    for instance in owners(run, arm) if q is not None else []:
+        for topic in own_inputs(run, instance, arm, "joints"):
             value = run.get(f"{topic}/value")
-            if run.get(name)[0] != "joints" or value.shape[1] != q.shape[1]:
+            if value.shape[1] != q.shape[1]:
                 continue
             rows, found = _rows_of(cycles, run.get(f"{topic}/cycle"))
-            out.append(
-                {
-                    "instance": instance,
-                    "t": run.get(f"{topic}/t")[found],
-                    "q_d": value[found],
-                    "error": value[found] - q[rows[found]],
-                }
-            )
+            t, q_d = run.get(f"{topic}/t")[found], value[found]
+            out.append({"instance": instance, "topic": topic, "t": t, "q_d": q_d, "error": q_d - q[rows[found]]})
     return out
+
+
+TRACKED = ("position_max", "position_rms", "rotation_max", "rotation_rms", "joint_max")
 
 
 def tracking(run, arm):
@@ -236,23 +210,14 @@ def tracking(run, arm):
     pose = {entry["instance"]: entry for entry in pose_errors(run, arm)}
     joint = {entry["instance"]: entry for entry in joint_targets(run, arm)}
     rows = []
-    for instance in dict.fromkeys(span.instance for span in run.spans(arm)):
-        row = {
-            "instance": instance,
-            "active": sum(s.end - s.start for s in run.spans(arm) if s.instance == instance),
-            "position_max": None,
-            "position_rms": None,
-            "rotation_max": None,
-            "rotation_rms": None,
-            "joint_max": None,
-        }
-        if instance in pose:
-            for key in ("position", "rotation"):
-                norm = np.linalg.norm(pose[instance][key], axis=1)
-                norm = norm[np.isfinite(norm)]
-                if len(norm):
-                    row[f"{key}_max"] = float(norm.max())
-                    row[f"{key}_rms"] = float(np.sqrt(np.mean(norm**2)))
+    for instance in owners(run, arm):
+        active = sum(s.end - s.start for s in run.spans(arm) if s.instance == instance)
+        row = {"arm": arm, "instance": instance, "active": active, **dict.fromkeys(TRACKED)}
+        for key in ("position", "rotation") if instance in pose else ():
+            norm = np.linalg.norm(pose[instance][key], axis=1)
+            norm = norm[np.isfinite(norm)]
+            if len(norm):
+                row[f"{key}_max"], row[f"{key}_rms"] = float(norm.max()), rms(norm)
         if instance in joint and len(joint[instance]["error"]):
             row["joint_max"] = float(np.abs(joint[instance]["error"]).max())
         rows.append(row)
@@ -332,54 +297,30 @@ def _largest_force(run, arm, which, flag):
 
 def switch_rows(run):
     """Each answer to a switch request, with its durations [s] for requested switches (otherwise None)."""
-    timing = {}
-    requests, cycles = run.get("switch_timing/request"), run.get("switch_timing/cycle")
-    if requests is not None:
-        for i, key in enumerate(zip(requests.tolist(), cycles.tolist())):
-            timing[key] = {
-                name: float(run.get(f"switch_timing/{name}")[i]) for name in ("waiting", "computing", "total")
-            }
-    rows = []
-    for switch in run.switches:
-        row = dict(switch)
-        row.update(
-            timing.get((switch["request"], switch["cycle"]), {"waiting": None, "computing": None, "total": None})
-        )
-        rows.append(row)
-    return rows
+    names, timing = ("waiting", "computing", "total"), {}
+    if run.get("switch_timing/request") is not None:
+        columns = [run.get(f"switch_timing/{name}").tolist() for name in ("request", "cycle", *names)]
+        timing = {(request, cycle): dict(zip(names, times)) for request, cycle, *times in zip(*columns)}
+    return [switch | timing.get((switch["request"], switch["cycle"]), dict.fromkeys(names)) for switch in run.switches]
 
 
 def intervention_groups(run):
     """By rule, arm and controllet: how many episodes, first and last time, extreme value, its limit and joint."""
-    groups = {}
+    groups, unknown = {}, {"value": None, "limit": None}
     for message in run.interventions:
-        key = (message["code"], message["arm"], message["instance"])
-        group = groups.setdefault(
-            key,
-            {
-                "code": key[0],
-                "arm": key[1],
-                "instance": key[2],
-                "count": 0,
-                "first": message["stamp"],
-                "last": message["stamp"],
-                "value": None,
-                "limit": None,
-                "joints": set(),
-            },
-        )
-        group["count"] += 1
-        group["last"] = message["stamp"]
+        key, at, value = (message["code"], message["arm"], message["instance"]), message["stamp"], message["value"]
+        names = dict(zip(("code", "arm", "instance"), key))
+        group = groups.setdefault(key, {**names, **unknown, "count": 0, "first": at, "joints": set()})
+        group |= {"count": group["count"] + 1, "last": at}
         if message["joint"] >= 0:
             group["joints"].add(message["joint"])
-        value = message["value"]
         if value is not None and (group["value"] is None or abs(value) > abs(group["value"])):
-            group["value"], group["limit"] = value, message["limit"]
+            group |= {"value": value, "limit": message["limit"]}
     return list(groups.values())
 
 
 def missing(run):
-    """What is not in the log, one sentence each; empty: nothing is known to be missing."""
+    """Sentences about data missing in the log; empty: none known."""
     out = [str(note) for note in run.meta.get("notes") or []]
     counts = cycle_counts(run)
     if counts["recorded"] is None:
@@ -391,7 +332,7 @@ def missing(run):
                 "writer fell behind or the disk was full. Lines are broken there."
             )
         if counts["missing_before"]:
-            out.append(f"The log begins with cycle {int(run.get('timing/cycle')[0])}: those before it are missing.")
+            out.append(f"The log begins with cycle {int(run.get('timing/cycle')[0])}: earlier cycles are missing.")
     end = run.meta.get("missing")
     if end is None:
         out.append(
@@ -400,7 +341,7 @@ def missing(run):
     else:
         if int(end.get("events_lost") or 0):
             out.append(
-                f"{end['events_lost']} events (switches, interventions, ...) are not in the log: too many at once."
+                f"{end['events_lost']} events (switches, interventions, ...) were lost: the log could not keep up."
             )
         if int(end.get("messages_lost") or 0):
             topics = ", ".join(f"{key[5:]} {end[key]}" for key in sorted(end) if key.startswith("lost:"))
@@ -410,12 +351,12 @@ def missing(run):
             out.append(f"The log's writer reported: {end['error']}.")
     if not run.arms:
         out.append("No arm is in the log.")
+    topics = {
+        "state": "joint states",
+        "command": "commands",
+        "model": "model summary (pose, gravity, manipulability)",
+    }
     for arm in run.arms:
-        for topic, key, what in (
-            ("state", "t", "joint states"),
-            ("command", "t", "commands"),
-            ("model", "t", "model summary (pose, gravity, manipulability)"),
-        ):
-            if run.get(f"{arm}/{topic}/{key}") is None:
-                out.append(f"Arm {arm}: no {what} (/{arm}/{topic}).")
+        absent = [topic for topic in topics if run.get(f"{arm}/{topic}/t") is None]
+        out += [f"Arm {arm}: no {topics[topic]} (/{arm}/{topic})." for topic in absent]
     return out

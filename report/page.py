@@ -1,8 +1,14 @@
-"""The page: one HTML file that needs nothing else, neither network nor scripts."""
+"""The frame of every page: one self-contained HTML file without scripts.
 
+A page is a title, a lead and sections; a section is a heading and its parts. A part is HTML (Raw), a text (it becomes a
+paragraph), a list of parts, or None (it is left out).
+"""
+
+import argparse
 import base64
 import html
 import pathlib
+import re
 
 CSS = """
 :root { color-scheme: light; }
@@ -21,11 +27,10 @@ a { color: #1d4f91; }
 .tile.bad { border-color: #d9480f; background: #fff6f0; }
 table { border-collapse: collapse; margin: .6rem 0 1rem; font-size: .9rem; width: 100%; }
 th, td { text-align: left; vertical-align: top; padding: .28rem .6rem .28rem 0; border-bottom: 1px solid #e3e7ec; }
-th { font-weight: 600; color: #4b5763; border-bottom: 1.5px solid #c3ccd6; }
-th { vertical-align: bottom; line-height: 1.25; }
+th { font-weight: 600; color: #4b5763; border-bottom: 1.5px solid #c3ccd6; vertical-align: bottom; line-height: 1.25; }
 td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; padding-left: .5rem; } td.n { white-space: nowrap; }
 .one { white-space: nowrap; } td.none { color: #6b7785; } tr.bad td { background: #fff6f0; }
-.facts th { width: 15rem; border-bottom: 1px solid #e3e7ec; }
+.facts th { width: 15rem; border-bottom: 1px solid #e3e7ec; vertical-align: top; }
 .facts td { overflow-wrap: anywhere; }
 .chip { display: inline-block; border-radius: 3px; padding: 0 .35rem; margin: 0 .2rem .1rem 0; }
 .box { border-left: 4px solid #d9480f; background: #fff6f0; padding: .5rem .9rem; margin: 1rem 0; }
@@ -41,18 +46,23 @@ pre { background: #f5f6f8; padding: .7rem; overflow-x: auto; font-size: .8rem; l
 @media print { body { max-width: none; padding: 0; font-size: 10pt; } nav { display: none; } h2 { break-after: avoid; }
   table, .tile { break-inside: avoid; } pre { white-space: pre-wrap; } a { color: inherit; text-decoration: none; } }
 """
-
-
-def escape(text):
-    return html.escape(str(text), quote=True)
+NUMBER = re.compile(r"[-−+±≤≥×]?\s?\d")
 
 
 class Raw(str):
     """Text that is HTML already."""
 
 
+def escape(text):
+    return html.escape(str(text), quote=True)
+
+
 def _inner(value):
     return value if isinstance(value, Raw) else escape(value)
+
+
+def _tag(name, content, classes=""):
+    return f'<{name} class="{classes}">{content}</{name}>' if classes else f"<{name}>{content}</{name}>"
 
 
 def figures(value, digits=3):
@@ -67,55 +77,74 @@ def figures(value, digits=3):
     return f"{float(text):.0f}" if "e" in text else text
 
 
-def table(head, rows, numeric=(), bad=()):
-    """head: texts; rows: texts or Raw, None: not available; numeric: right-aligned columns; bad: rows to mark."""
-    right = ["n" if i in numeric else "" for i in range(len(head))]
-    cells = "".join(f'<th class="{right[i]}">{_inner(name)}</th>' for i, name in enumerate(head))
-    body = []
-    for number, row in enumerate(rows):
-        columns = []
-        for i, value in enumerate(row):
-            if value is None:
-                columns.append(f'<td class="{right[i]} none" title="not available">n/a</td>')
-            else:
-                columns.append(f'<td class="{right[i]}">{_inner(value)}</td>')
-        body.append(f"<tr{' class=bad' if number in bad else ''}>{''.join(columns)}</tr>")
-    return Raw(f"<table><thead><tr>{cells}</tr></thead><tbody>{''.join(body)}</tbody></table>")
+def known(value, scale=1.0, digits=3):
+    """The scaled number as text; None, shown as "n/a", without a finite one."""
+    return figures(scale * value, digits) if value is not None and abs(value) < float("inf") else None
+
+
+# Tables --------------------------------------------------------------------------------------------------------------
+
+
+def table(head, rows, bad=()):
+    """head: texts, or one text with " | " between them; rows: numbers, texts, Raw, or None for "n/a".
+
+    A column is aligned to the right if most of its cells are numbers; bad: numbers of the rows to mark.
+    """
+    head, rows = head.split(" | ") if isinstance(head, str) else head, [list(row) for row in rows]
+    right = []
+    for i in range(len(head)):
+        cells = [str(row[i]) for row in rows if row[i] is not None and row[i] not in ("", "–")]
+        right.append("n" if 2 * sum(bool(NUMBER.match(cell)) for cell in cells) > len(cells) else "")
+
+    def cell(value, side):
+        if value is None:
+            return f'<td class="{side} none" title="not available">n/a</td>'
+        return _tag("td", _inner(value), side)
+
+    top = "".join(_tag("th", _inner(name), side) for name, side in zip(head, right))
+    body = [
+        _tag("tr", "".join(map(cell, row, right)), "bad" if number in bad else "") for number, row in enumerate(rows)
+    ]
+    return Raw(f"<table><thead><tr>{top}</tr></thead><tbody>{''.join(body)}</tbody></table>")
+
+
+def columns(entries, cells, bad=lambda entry: False):
+    """A table with a row for each entry; cells: function of an entry by the head of its column; bad: marks an entry."""
+    entries = list(entries)
+    rows = [[cell(entry) for cell in cells.values()] for entry in entries]
+    return table(list(cells), rows, [i for i, entry in enumerate(entries) if bad(entry)])
 
 
 def facts(pairs):
-    """Two columns: what, and its value."""
+    """Two columns: name and value."""
     rows = "".join(f"<tr><th>{_inner(key)}</th><td>{_inner(value)}</td></tr>" for key, value in pairs)
     return Raw(f'<table class="facts"><tbody>{rows}</tbody></table>')
 
 
-def tiles(entries):
-    """(value, what, is it bad)"""
-    return Raw(
-        '<div class="tiles">'
-        + "".join(
-            f'<div class="tile{" bad" if bad else ""}"><b>{_inner(value)}</b><span>{_inner(what)}</span></div>'
-            for value, what, bad in entries
-        )
-        + "</div>"
-    )
+# Other parts ---------------------------------------------------------------------------------------------------------
+
+
+def tiles(*entries):
+    """(value, what) or (value, what, whether it is bad)"""
+    shown = [
+        _tag("div", f"<b>{_inner(value)}</b><span>{_inner(what)}</span>", "tile bad" if any(bad) else "tile")
+        for value, what, *bad in entries
+    ]
+    return Raw(_tag("div", "".join(shown), "tiles"))
 
 
 def chips(names, colors):
-    """Names of controllets on their colors."""
-    return Raw(
-        "".join(
-            f'<span class="chip" style="background:{colors.get(name, "#eee")}">{escape(name)}</span>' for name in names
-        )
-        or "–"
-    )
+    """Names of controllets in their colors."""
+    chip = '<span class="chip" style="background:{}">{}</span>'
+    return Raw("".join(chip.format(colors.get(name, "#eee"), escape(name)) for name in names) or "–")
 
 
 def box(sentences, fine=False):
+    """Empty without sentences."""
+    if not sentences:
+        return None
     return Raw(
-        f'<div class="box{" fine" if fine else ""}"><ul>'
-        + "".join(f"<li>{_inner(s)}</li>" for s in sentences)
-        + "</ul></div>"
+        _tag("div", _tag("ul", "".join(_tag("li", _inner(s)) for s in sentences)), "box fine" if fine else "box")
     )
 
 
@@ -129,30 +158,56 @@ def image(path, caption, alt=None):
 
 
 def absent(sentence):
-    return Raw(f'<p class="missing">{_inner(sentence)}</p>')
+    return Raw(_tag("p", _inner(sentence), "missing"))
 
 
-def paragraph(text):
-    return Raw(f"<p>{_inner(text)}</p>")
+def heading(text):
+    return Raw(_tag("h3", _inner(text)))
 
 
-def details(summary, content):
-    return Raw(f"<details><summary>{_inner(summary)}</summary>{_inner(content)}</details>")
+def details(summary, *parts):
+    return Raw(f"<details><summary>{_inner(summary)}</summary>{body(parts)}</details>")
 
 
 def preformatted(text):
-    return Raw(f"<pre>{escape(text)}</pre>")
+    return Raw(_tag("pre", escape(text)))
+
+
+# Page ----------------------------------------------------------------------------------------------------------------
+
+
+def body(part):
+    """HTML of a part."""
+    if part is None or isinstance(part, Raw):
+        return part or ""
+    return _tag("p", escape(part)) if isinstance(part, str) else "".join(map(body, part))
 
 
 def page(title, lead, sections):
-    """sections: (id, heading, [Raw, ...])"""
-    links = "".join(f'<a href="#{escape(name)}">{escape(heading)}</a>' for name, heading, _ in sections)
-    body = "".join(
-        f'<section id="{escape(name)}"><h2>{escape(heading)}</h2>{"".join(parts)}</section>'
-        for name, heading, parts in sections
+    """sections: (heading, part, ...); one without any content is left out."""
+    shown = [(heading, content) for heading, *parts in sections if (content := body(parts))]
+    names = [re.sub(r"\W+", "-", heading.lower()).strip("-") or f"s{i}" for i, (heading, _) in enumerate(shown)]
+    links = "".join(f'<a href="#{name}">{escape(heading)}</a>' for name, (heading, _) in zip(names, shown))
+    parts = "".join(
+        f'<section id="{name}"><h2>{escape(heading)}</h2>{content}</section>'
+        for name, (heading, content) in zip(names, shown)
     )
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><style>{CSS}</style></head>'
-        f'<body><h1>{escape(title)}</h1><p class="lead">{_inner(lead)}</p><nav>{links}</nav>{body}</body></html>\n'
+        f'<body><h1>{escape(title)}</h1><p class="lead">{_inner(lead)}</p><nav>{links}</nav>{parts}</body></html>\n'
     )
+
+
+def write(file, text):
+    """Writes a file atomically and returns its path."""
+    part = file.with_name(file.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    return part.replace(file)
+
+
+def run(make, about):
+    """Calls make(PATH) with the only argument of the command line; about: the docstring of the script."""
+    parser = argparse.ArgumentParser(description=about.splitlines()[0])
+    parser.add_argument("path", type=pathlib.Path)
+    make(parser.parse_args().path)

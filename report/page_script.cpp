@@ -4,22 +4,22 @@
 #include <stdexcept>
 #include <utility>
 
-#include "support/child_process.hpp"
-#include "support/own_files.hpp"
+#include "common/child_process.hpp"
+#include "common/own_files.hpp"
 
 namespace multipanda {
 namespace {
 
 namespace fs = std::filesystem;
 
-// -E: PYTHONPATH of a sourced ROS 2 must not mix with the interpreter's own packages.
+// -E: keeps PYTHONPATH of a sourced ROS 2 from hiding the interpreter's packages.
 std::vector<std::string> interpreter_arguments(std::initializer_list<std::string> more) {
   std::vector<std::string> all{"-E", "-B"};
   all.insert(all.end(), more);
   return all;
 }
 
-// Looks without importing, which would take a second. The first entry of sys.path is the current folder.
+// Checks without importing, which would take a second. The first entry of sys.path is the current folder.
 constexpr const char* kPrintMissing =
     "import importlib.util as u, sys; sys.path.pop(0); "
     "print(*(name for name in ('matplotlib', 'numpy') if u.find_spec(name) is None))";

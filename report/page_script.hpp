@@ -6,12 +6,12 @@
 
 namespace multipanda {
 
-// Why no page can be drawn: the interpreter or the Python packages that are missing, and how to get them.
-// Empty if nothing is missing. Any thread, off the loop only.
+// Why no page can be drawn: missing interpreter or Python packages, and how to get them. Empty: nothing is
+// missing. Any thread, off the loop only.
 std::string missing_page_packages();
 
-// A Python script of multipanda's own files that draws a page from data files (support/own_files.hpp says
-// where they and the interpreter are). Any thread, off the loop only.
+// A Python script of multipanda that draws a page from data files (common/own_files.hpp finds it and the
+// interpreter). Any thread, off the loop only.
 class PageScript {
  public:
   // `script`: "report/report.py"; `page`: its result, for messages: "the report". Throws std::runtime_error

@@ -9,13 +9,12 @@
 
 #include <nlohmann/json.hpp>
 
+#include "common/signals.hpp"
 #include "core/types/codes.hpp"
 #include "logs/export.hpp"
 #include "logs/repair.hpp"
 #include "report/page_script.hpp"
 #include "report/run_of_log.hpp"
-#include "report/scene_pictures.hpp"
-#include "support/signals.hpp"
 
 namespace multipanda {
 namespace {
@@ -32,7 +31,7 @@ fs::path found_log(const fs::path& given) {
                            "; give a log, or the folder of a recorded run");
 }
 
-// The file of an active run must not be replaced while its writer, which flushes twice per second, uses it.
+// Must not replace the file of an active run: its writer uses it and flushes twice per second.
 bool is_being_written(const fs::path& log) {
   std::error_code error;
   const auto written = fs::last_write_time(log, error);
@@ -40,9 +39,9 @@ bool is_being_written(const fs::path& log) {
 }
 
 void repair(const fs::path& log, ReportResult& result, std::vector<std::string>& notes) {
-  if (is_being_written(log)) return;  // the export notes a missing footer
+  if (is_being_written(log)) return;  // the export reports a missing footer
   try {
-    const RepairResult repaired = repair_log(log);
+    const RepairResult repaired = repair_log(log, true);
     if (repaired.was_complete) return;
     result.repaired = true;
     notes.push_back("The log had no footer (killed, or the disk was full). It was repaired: " +
@@ -61,7 +60,7 @@ void repair(const fs::path& log, ReportResult& result, std::vector<std::string>&
 
 Json numbers(const JointVector& values) { return std::vector<double>(values.begin(), values.end()); }
 
-// Data from scene and log for report/report.py; docs/report.md lists the keys.
+// Data from scene and log for report/report.py; docs/logs.md lists the keys.
 Json metadata(const RunOfLog& run, const ReportOptions& options) {
   Json out;
   out["run"] = run.run;
@@ -113,8 +112,8 @@ void add_pictures(const ScenePictures& drawn, Json& meta, ReportResult& result) 
   meta["pictures_note"] = drawn.note;
 }
 
-// The data files of the page. They are removed at the end, after a failure, and on Ctrl-C, SIGTERM
-// or SIGHUP, which end the program.
+// Data files of the page, removed at the end, on failure, and on Ctrl-C, SIGTERM or SIGHUP, which end
+// the program.
 class Material {
  public:
   Material(const fs::path& directory, bool keep)

@@ -15,17 +15,17 @@ struct ReportOptions {
   bool pictures = true;             // of the scene, rebuilt from the log
   std::size_t max_pictures = 4;     // at the start, at switches, in the middle, at the end
   bool keep_data = false;           // keep the data files of the page: report_data.npz, .json
-  std::vector<ControlletType>
-      controllets;  // types that the scene may name beyond the built-in ones and the plug-ins'
-  std::map<std::string, std::string>
-      info;  // additions to the log's description of the run, such as the thread set-up
+  // Types that the scene may name beyond the built-in ones and the plug-ins'.
+  std::vector<ControlletType> controllets;
+  // Additions to the log's description of the run, such as the thread set-up.
+  std::map<std::string, std::string> info;
 };
 
 struct ReportResult {
   std::filesystem::path page;                   // DIRECTORY/report.html
   std::vector<std::filesystem::path> pictures;  // of the scene
-  bool repaired = false;                        // the log had no footer and got one
-  std::vector<std::string> notes;               // what is missing or failed, also on the page; human-readable
+  bool repaired = false;                        // the missing footer of the log was added
+  std::vector<std::string> notes;               // what is missing or failed, also shown on the page
 };
 
 // Makes the report of one run: a self-contained page, and its plots. `log_or_directory` is a log or the
@@ -33,7 +33,7 @@ struct ReportResult {
 // still seems to be written, the report covers its complete part.
 //
 // Runs report/report.py (see PageScript). Takes seconds; off the loop only. On SIGINT, SIGTERM and SIGHUP it
-// removes its data files and ends the program. Throws std::runtime_error with the reason and what to do.
+// removes its data files and ends the program. Throws std::runtime_error with the reason and the remedy.
 ReportResult make_report(const std::filesystem::path& log_or_directory, const ReportOptions& options = {});
 
 }  // namespace multipanda

@@ -1,65 +1,33 @@
 #!/usr/bin/env python3
-"""Makes the report of a run: report.html, which needs nothing else, and its plots as PNG next to it.
+"""Makes the report of a run: a self-contained report.html, and its plots as PNG next to it.
 
     report.py NPZ --out DIR [--pictures PNG ...] [--meta FILE]
 
-NPZ is the output of `multipanda export LOG --npz`. docs/report.md describes FILE. No other files are read.
+NPZ is the output of `multipanda export LOG --npz`. docs/logs.md describes FILE. No other files are read.
 """
 
 import argparse
-import concurrent.futures
-import multiprocessing
-import os
 import pathlib
 import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
 
-from report import loading, page, plots, sections, style  # noqa: E402
-from report.page import Raw  # noqa: E402
+from report import loading, page, plots, pool, sections, style
 
+# Pictures of each arm: name, the function that draws it, heading, note, and the sentence without data.
 PER_ARM = (
-    ("q", "joint_positions", "Joint positions", "targets dashed where a controllet had one"),
-    ("dq", "joint_velocities", "Joint velocities", ""),
-    ("tau", "torques", "Joint torques", ""),
-    ("pose", "pose", "End effector", "pose against target"),
+    ("q", "joint_positions", "Joint positions", "targets dashed where a controllet had one", "Joint positions are"),
+    ("dq", "joint_velocities", "Joint velocities", "", "Joint velocities are"),
+    ("tau", "torques", "Joint torques", "", "Torques are"),
+    ("pose", "pose", "End effector", "pose against target", "Neither the end effector's pose nor its error is"),
     (
         "wrench",
         "wrench",
         "Wrench on the environment",
         "about the stiffness frame K, in world axes; an arm resting on a table shows a negative z force",
+        "Wrench: not available. The backend provided neither an estimate nor simulated contact forces.",
     ),
 )
-ABSENT = {
-    "q": "Joint positions are not in the log.",
-    "dq": "Joint velocities are not in the log.",
-    "tau": "Torques are not in the log.",
-    "pose": "Neither the end effector's pose nor its error is in the log.",
-    "wrench": "Wrench: not available. The backend gave neither an estimate nor the simulator's contact forces.",
-}
-
-_job_state = {}  # of one worker process: run, colors, folder
-
-
-def _draw(job):
-    """Draws one picture into the folder. Returns its file name, or None if the log has nothing to show."""
-    name, function, arguments = job
-    figure = getattr(plots, function)(_job_state["run"], *arguments)
-    if figure is None:
-        return None
-    file = _job_state["out"] / f"{name}.png"
-    figure.savefig(file, dpi=style.DPI)
-    plots.plt.close(figure)
-    return file.name
-
-
-def _draw_all(jobs):
-    """Draws all pictures, on as many cores as this process may use. Forked workers share the loaded data."""
-    workers = min(len(os.sched_getaffinity(0)), 4, len(jobs))
-    if workers < 2:
-        return [_draw(job) for job in jobs]
-    with concurrent.futures.ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("fork")) as pool:
-        return list(pool.map(_draw, jobs))
 
 
 def _file_name(text):
@@ -68,126 +36,99 @@ def _file_name(text):
 
 def _scene_pictures(run, pictures):
     captions = {entry["file"]: entry.get("caption", "") for entry in run.meta.get("pictures") or []}
+    if not pictures:
+        reason = run.meta.get("pictures_missing") or "none were given"
+        return page.absent(f"No pictures of the scene: {reason}.")
     shown = [
         page.image(path, captions.get(pathlib.Path(path).name) or pathlib.Path(path).stem.replace("_", " "))
         for path in pictures
     ]
-    if shown:
-        parts = [Raw('<div class="pictures">' + "".join(shown) + "</div>")]
-        if run.meta.get("pictures_note"):
-            parts.append(page.paragraph(run.meta["pictures_note"]))
-        return parts
-    return [page.absent("No pictures of the scene: " + (run.meta.get("pictures_missing") or "none were given") + ".")]
+    return [page.Raw(f'<div class="pictures">{"".join(shown)}</div>'), run.meta.get("pictures_note")]
+
+
+def _draw(job, run, out):
+    """Draws one picture into the folder. Returns its path, or None if the log has nothing to show."""
+    name, function, *arguments = job
+    figure = getattr(plots, function)(run, *arguments)
+    return None if figure is None else style.save(figure, out / f"{name}.png")
+
+
+def _pictures(run, out):
+    """Draws all pictures: paths by name."""
+    if run.time_range is None:
+        return {}
+    colors = style.band_colors(run.instances)
+    jobs = [(f"{arm}_{name}", function, arm, colors) for arm in run.arms for name, function, *_ in PER_ARM]
+    shared = [name for name, entry in run.instances.items() if len(entry["arms"]) > 1]
+    jobs += [(f"{name}_task", "shared_task", name, colors) for name in shared]
+    jobs += [
+        ("overview", "overview", colors),
+        ("cycle_histogram", "cycle_histogram"),
+        ("cycle_times", "cycle_times_over_time"),
+    ]
+    for arm in run.arms:  # read once, before the processes fork
+        run.spans(arm)
+    drawn = pool.forked(_draw, [(_file_name(name), *rest) for name, *rest in jobs], run, out)
+    return dict(zip((job[0] for job in jobs), drawn))
 
 
 def make_report(run, out, pictures=()):
     """Writes DIR/report.html and its plots. Returns the page's path."""
     out = pathlib.Path(out)
     out.mkdir(parents=True, exist_ok=True)
-    colors = style.band_colors(run.instances)
-    jobs, has_time = [], run.time_range is not None
-    if has_time:
-        jobs = [
-            (f"{_file_name(arm)}_{name}", function, (arm, colors))
-            for arm in run.arms
-            for name, function, _, _ in PER_ARM
-        ]
-        jobs += [
-            (f"{_file_name(name)}_task", "shared_task", (name, colors))
-            for name, entry in run.instances.items()
-            if len(entry["arms"]) > 1
-        ]
-        jobs += [
-            ("overview", "overview", (colors,)),
-            ("cycle_histogram", "cycle_histogram", ()),
-            ("cycle_times", "cycle_times_over_time", ()),
-        ]
-    # Read before the fork, once for all workers.
-    for arm in run.arms:
-        run.spans(arm)
-    _job_state.update(run=run, out=out)
-    drawn = dict(zip((job[0] for job in jobs), _draw_all(jobs) if jobs else []))
+    colors, drawn = style.band_colors(run.instances), _pictures(run, out)
 
-    def shown(name, caption, otherwise):
-        return page.image(out / drawn[name], caption) if drawn.get(name) else page.absent(otherwise)
+    def shown(name, caption, absent):
+        return page.image(drawn[name], caption) if drawn.get(name) else page.absent(absent)
 
+    def of_arm(arm):
+        for name, _, title, note, absent in PER_ARM:
+            yield page.heading(title)
+            caption = f"{title} of {arm}" + (f": {note}." if note else ".")
+            yield shown(f"{arm}_{name}", caption, absent if absent.endswith(".") else f"{absent} not in the log.")
+
+    histogram = "All recorded cycles, the first included; percentiles by nearest rank."
+    owners_unknown = "The log has no commands: the owners of the arms are unknown."
+    tasks = {name: entry["arms"] for name, entry in run.instances.items() if drawn.get(f"{name}_task")}
     parts = [
         (
-            "glance",
             "At a glance",
-            [
-                *sections.glance(run),
-                *_scene_pictures(run, pictures),
-                shown(
-                    "overview",
-                    "Owner of each arm, and events.",
-                    "No command is in the log: the owners of the arms are unknown.",
-                ),
-                *sections.largest_errors(run),
-                *sections.effort(run),
-            ],
-        )
-    ]
-    parts.append(("switches", "Switches", sections.switches(run, colors)))
-    parts.append(("interventions", "Interventions", sections.interventions(run)))
-    parts.append(("tracking", "Tracking", sections.tracking(run, colors)))
-    for n, arm in enumerate(run.arms):
-        body = [sections.decimation_note()] if n == 0 else []
-        for name, _, title, note in PER_ARM:
-            body.append(Raw(f"<h3>{page.escape(title)}</h3>"))
-            body.append(
-                shown(f"{_file_name(arm)}_{name}", f"{title} of {arm}" + (f": {note}." if note else "."), ABSENT[name])
-            )
-        parts.append((f"arm-{_file_name(arm)}", f"Arm {arm}", body))
-    tasks = [(name, f"{_file_name(name)}_task") for name in run.instances if drawn.get(f"{_file_name(name)}_task")]
-    if tasks:
-        parts.append(
-            (
-                "tasks",
-                "Several arms together",
-                [
-                    page.image(
-                        out / drawn[file],
-                        f"Errors of {name} ({', '.join(run.instances[name]['arms'])}) in its own coordinates.",
-                    )
-                    for name, file in tasks
-                ],
-            )
-        )
-    parts.append(
+            sections.glance(run),
+            _scene_pictures(run, pictures),
+            shown("overview", "Owner of each arm, and events.", owners_unknown),
+            sections.largest_errors(run),
+            sections.effort(run),
+        ),
+        ("Switches", sections.switches(run, colors)),
+        ("Interventions", sections.interventions(run)),
+        ("Tracking", sections.tracking(run, colors)),
+        *((f"Arm {arm}", sections.DECIMATION if arm == run.arms[0] else None, list(of_arm(arm))) for arm in run.arms),
         (
-            "timing",
+            "Several arms together",
+            *(
+                page.image(drawn[f"{name}_task"], f"Errors of {name} ({', '.join(arms)}) in its own coordinates.")
+                for name, arms in tasks.items()
+            ),
+        ),
+        (
             "Cycle times",
-            [
-                shown(
-                    "cycle_histogram",
-                    "All recorded cycles, the first included; percentiles by nearest rank.",
-                    "Cycle times are not in the log.",
-                ),
-                shown("cycle_times", "Cycle and stages over the run.", "Cycle times over the run are not in the log."),
-            ],
-        )
-    )
-    parts.append(("events", "Events", sections.events(run)))
-    parts.append(("plant", "Plant", sections.plant(run)))
-    parts.append(("machine", "Machine and versions", sections.machine(run)))
-
-    info = run.meta.get("run") or {}
+            shown("cycle_histogram", histogram, "Cycle times are not in the log."),
+            shown("cycle_times", "Cycle and stages over the run.", "Cycle times over the run are not in the log."),
+        ),
+        ("Events", sections.events(run)),
+        ("Plant", sections.plant(run)),
+        ("Machine and versions", sections.machine(run)),
+    ]
+    info, plant = run.meta.get("run") or {}, run.meta.get("plant")
     name = run.meta.get("scene_name") or info.get("scene") or pathlib.Path(run.path).stem
     lead = [
         run.meta.get("scene_description") or "",
         f"Arms: {', '.join(run.arms) or 'none'}",
-        f"Plant: {run.meta['plant'].get('name')}" if run.meta.get("plant") else "",
+        f"Plant: {plant.get('name')}" if plant else "",
         f"Seed: {info['seed']}" if "seed" in info else "",
     ]
-    target = out / "report.html"
-    temporary = out / "report.html.part"  # a reader never sees half a page
-    temporary.write_text(
-        page.page(f"Run of {name}", " · ".join(x.strip().rstrip(".") for x in lead if x.strip()), parts),
-        encoding="utf-8",
-    )
-    temporary.replace(target)
-    return target
+    text = page.page(f"Run of {name}", " · ".join(x.strip().rstrip(".") for x in lead if x.strip()), parts)
+    return page.write(out / "report.html", text)
 
 
 def main(words=None):

@@ -15,8 +15,8 @@ import numpy as np
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from report import loading, metrics, report, series  # noqa: E402
-from report.testing import sample_run  # noqa: E402
+from report import loading, metrics, report, series, style
+from report.testing import sample_run
 
 
 class Page(html.parser.HTMLParser):
@@ -226,7 +226,7 @@ class OtherLogs(Folder):
         self.assertNotIn("Several arms together", page.headings)
         rows = {row[1]: row for row in page.table("arm", "controllet", "active [s]")}
         self.assertEqual(set(rows), {"left_cartesian", "left_joints"})
-        self.assertIn("Which plant fidelity set was used is not in the log.", page.text)
+        self.assertIn("The log does not name the plant fidelity set.", page.text)
         self.assertIn("Machine, versions and thread set-up are not in the log.", page.text)
         self.assertEqual(page.table("arm", "largest torque / limit")[0][1:4], ["n/a"] * 3)  # no limits known
 
@@ -317,6 +317,23 @@ class OtherLogs(Folder):
 
 
 class Figures(unittest.TestCase):
+    def test_labels_beside_long_numbers_are_whole(self):
+        """As much ink as with an inch around the figure."""
+        with tempfile.TemporaryDirectory() as folder:
+
+            def ink(save):
+                figure = style.plt.figure(figsize=(6, 2))
+                axis = figure.add_axes((style.LEFT_IN / 6, 0.2, 0.5, 0.6))
+                axis.plot([0, 1], [-4e-4, 4e-4])
+                axis.set_ylabel("a label [N m]")
+                file = pathlib.Path(folder) / "figure.png"
+                save(figure, file)
+                style.plt.close(figure)
+                return np.sum(1 - style.plt.imread(file)[..., :3])
+
+            whole = ink(lambda figure, file: figure.savefig(file, bbox_inches="tight", pad_inches=1))
+            np.testing.assert_allclose(ink(style.save), whole, rtol=0.01)
+
     def test_rotation_error(self):
         """Against the matrix logarithm, at random rotations; the shorter rotation beyond half a turn."""
         rng = np.random.default_rng(7)

@@ -1,4 +1,9 @@
-"""Prepares long series for plots: no peak is lost, and no line is drawn where nothing was recorded."""
+"""Statistics of samples, the same for all pages; and long series for plots.
+
+No peak is lost, and no line is drawn where nothing was recorded.
+"""
+
+import math
 
 import numpy as np
 
@@ -39,7 +44,7 @@ def pieces(t, y):
 
 
 def _joined(parts):
-    """One series with a NaN between two pieces, where the line breaks."""
+    """Joins pieces to one series, with a NaN at each line break."""
     t = np.concatenate([np.append(t, t[-1]) for t, _ in parts])[:-1]
     y = np.concatenate([np.append(y, np.nan) for _, y in parts])[:-1]
     return t, y
@@ -63,7 +68,7 @@ def band_and_mean(t, y, columns=COLUMNS // 2):
     y = np.asarray(y, dtype=float)
     if len(t) <= 4 * columns or not np.isfinite(y).any():
         return None
-    jump = np.abs(y[2:] - 2 * y[1:-1] + y[:-2])  # a smooth motion has next to no second difference
+    jump = np.abs(y[2:] - 2 * y[1:-1] + y[:-2])  # nearly zero for a smooth motion
     whole = np.nanmax(y) - np.nanmin(y)
     if whole == 0 or not np.nanmedian(jump) > 0.02 * whole:
         return None
@@ -86,3 +91,32 @@ def per_bin(t, y, edges, reduce):
     """reduce(values of y in [edges[i], edges[i + 1])) for each bin; NaN for an empty one. t ascending."""
     bounds = np.searchsorted(t, edges)
     return np.array([reduce(y[a:b]) if b > a else np.nan for a, b in zip(bounds[:-1], bounds[1:])])
+
+
+def rms(values):
+    """Root of the mean square; None without a value."""
+    values = np.asarray(values, dtype=float)
+    return float(np.sqrt(np.mean(values**2))) if values.size else None
+
+
+def percentile(values, share):
+    """Quantile by nearest rank, as in the live summary: the smallest value that a fraction `share` does not exceed."""
+    rank = max(1, math.ceil(share * len(values) - 1e-6))  # rounding: 0.999 * 4000 is 3996, not slightly more
+    return float(np.partition(values, rank - 1)[rank - 1])
+
+
+def spread(values):
+    """Median, mean, tails and number of the finite values; None if there is none. Percentiles are interpolated."""
+    values = np.asarray(values, dtype=float)
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return None
+    shares = {"p1": 1, "p25": 25, "median": 50, "p75": 75, "p95": 95, "p99": 99, "p999": 99.9}
+    return {
+        **dict(zip(shares, np.percentile(values, list(shares.values())).tolist())),
+        "mean": float(values.mean()),
+        "deviation": float(values.std()),
+        "worst": float(values.max()),
+        "least": float(values.min()),
+        "count": int(values.size),
+    }

@@ -7,14 +7,13 @@
 #include "backends/mujoco/mujoco_backend.hpp"
 #include "backends/pinocchio/pinocchio_backend.hpp"
 #include "backends/replay/replay_backend.hpp"
+#include "common/machine.hpp"
+#include "common/spelling.hpp"
 #include "fci/client/fci_backend.hpp"
 #include "fci/client/from_scene.hpp"
 #include "runtime/mixed_backend.hpp"
 #include "runtime/virtual_backend.hpp"
 #include "scene/build.hpp"
-#include "scene/carried_arms.hpp"
-#include "support/address.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -30,7 +29,7 @@ void check_addresses(const Scene& scene, const BackendOptions& options) {
     }
     if (options.kind != BackendKind::as_scene && options.kind != BackendKind::fci) {
       throw std::invalid_argument("an address is given for arm '" + name +
-                                  "', but this run has no real arms; leave it out, or use --backend fci");
+                                  "', but this run has no real arms; omit it, or use --backend fci");
     }
   }
 }
@@ -48,7 +47,7 @@ constexpr std::array<NamedBackend, 5> kBackends{{{"mujoco", BackendKind::mujoco}
 // Periods for which the laws are designed.
 constexpr double kShortestPeriod_s = 0.0005, kLongestPeriod_s = 0.005;
 
-// The scene's own choice, if the command line makes none.
+// The scene's choice, unless the command line names a backend.
 BackendOptions chosen(const Scene& scene, BackendOptions options) {
   if (options.kind != BackendKind::as_scene || scene.backend.empty()) return options;
   BackendOptions named = backend_named(scene.backend);
@@ -85,19 +84,19 @@ std::unique_ptr<Backend> make_virtual(const Scene& scene, const BackendOptions& 
   return std::make_unique<VirtualBackend>(scene, clock, pace.report);
 }
 
-// A run without pacing waits for the slowest arm and for the disk, without real-time scheduling. An arm that
-// has a clock of its own would be left without commands meanwhile.
+// A run without pacing waits for the slowest arm and the disk, without real-time scheduling. An arm with its
+// own clock would miss commands meanwhile.
 void check_that_arms_wait(const Scene& scene) {
   for (const auto& arm : scene.arms) {
     if (!arm.fci || is_on_this_computer(arm.fci->address)) continue;
     throw std::invalid_argument("arm '" + arm.name + "' is at " + arm.fci->address +
-                                ", and a run that is as fast as possible cannot control a real arm: the arm "
-                                "does not wait for it. Leave --fast out; virtual arms that wait "
+                                ", but a run with --fast cannot control a real arm, which does not wait for "
+                                "commands. Omit --fast; virtual arms that wait "
                                 "(virtual-arm --pace lockstep) are expected on this computer, at 127.x.y.z");
   }
 }
 
-// The real arms through the control interface. The others, if there are any, are simulated in one world.
+// Real arms through the control interface. The others, if any, are simulated in one world.
 std::unique_ptr<Backend> make_real(const Scene& scene, const BackendPace& pace) {
   if (!pace.paced) check_that_arms_wait(scene);
   MixedBackend::Parts parts;
@@ -221,7 +220,7 @@ Scene with_connections(Scene scene, const BackendOptions& given) {
         continue;
       throw std::invalid_argument("arms '" + scene.arms[i].name + "' and '" + scene.arms[k].name +
                                   "' have the same address " + scene.arms[i].fci->address +
-                                  "; every arm has its own");
+                                  "; every arm needs its own");
     }
   }
   return scene;

@@ -14,10 +14,10 @@
 
 namespace multipanda {
 
-// What drives the arms of a run.
+// Backend of the arms.
 enum class BackendKind : std::uint8_t {
-  as_scene,  // as the scene's key `backend` says; without it, arms with the key `fci` are real, the others
-             // simulated
+  as_scene,  // according to the scene's key `backend`; without it, arms with the key `fci` are real, the
+             // others simulated
   mujoco,    // all arms are simulated in this process
   fci,       // all arms are real, or virtual arms of another process
   // The arms are virtual arms in this process. The run controls them through sockets
@@ -28,15 +28,15 @@ enum class BackendKind : std::uint8_t {
   from_library  // a backend of a library that the scene names in `plugins`
 };
 
-// The names of the command line and of the scene's key, without those of libraries: "virtual".
+// Names for the command line and the scene's key, without those of libraries: "virtual".
 std::vector<std::string> backend_names();
 
 struct BackendOptions {
   BackendKind kind = BackendKind::as_scene;
-  // By arm name; in place of the scene's address. An arm named here is real (with `as_scene` and `fci`).
+  // By arm name; replaces the scene's address. Arms named here are real (with `as_scene` and `fci`).
   std::vector<std::pair<std::string, std::string>> addresses;
-  // `virtual_arms` of a paced run: a step begins every millisecond, but the arms' world waits for its
-  // commands, so that no command is late on a busy computer. The arms of an unpaced run always wait.
+  // `virtual_arms` of a paced run: steps begin every millisecond, but the arms' world waits for commands, so
+  // that none is late on a busy computer. The arms of an unpaced run always wait.
   bool lockstep = false;
   std::filesystem::path log;  // of `replay`: log.mcap, or the folder of a run
   std::string type;           // of `from_library`: the name in the registry
@@ -63,7 +63,7 @@ struct BackendSet {
 
 struct BackendPace {
   bool paced = true;
-  // Sends the user a message. From threads of the backend, one call at a time.
+  // Shows the user a message. From threads of the backend, one call at a time.
   std::function<void(const std::string&)> report;
 };
 

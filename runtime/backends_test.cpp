@@ -172,7 +172,7 @@ TEST(RealArms, AreNotRunAsFastAsPossible) {
   };
   for (const char* address : {"172.16.0.2", "128.0.0.1", "12.7.0.1", "arm.example", "127.arm.example"}) {
     EXPECT_THAT(refusal(address, false),
-                testing::AllOf(HasSubstr("'right'"), HasSubstr(address), HasSubstr("Leave --fast out")));
+                testing::AllOf(HasSubstr("'right'"), HasSubstr(address), HasSubstr("Omit --fast")));
   }
   EXPECT_EQ(refusal("127.0.0.2", false), "");
   EXPECT_EQ(refusal("127.255.9.1", false), "");
@@ -209,7 +209,8 @@ TEST(VirtualBackend, ItsThreadsAreOrdinary) {
 }
 
 TEST(VirtualBackend, MovesLikeTheSimulation) {
-  const Scene scene = two_arms(kMotion);
+  const Scene scene =
+      two_arms(std::string("plant: {rotor_inertia_hidden: 0}\n") + kMotion);  // as of virtual arms
   const Recorded direct = record(scene, {.kind = BackendKind::mujoco, .addresses = {}}, 1.0);
   const Recorded wire = record(scene, {.kind = BackendKind::virtual_arms, .addresses = {}}, 1.0);
   EXPECT_THAT(wire.summary.faults(), ElementsAre());

@@ -8,7 +8,7 @@
 namespace multipanda {
 namespace {
 
-constexpr std::size_t kMissing = 30000;  // cycles that may be missing among the samples
+constexpr std::size_t kMissing = 30000;  // allowance for missing cycles among the samples
 
 double us(std::int64_t ns) { return static_cast<double>(ns) * 1e-3; }
 
@@ -36,7 +36,7 @@ CommandTrace::CommandTrace(const RecordLayout& layout, Options options)
 }
 
 void CommandTrace::step_done(const Tick& tick) {
-  if (tick.cycle > last_cycle_.load(std::memory_order_relaxed)) return;  // nothing of a sample is overwritten
+  if (tick.cycle > last_cycle_.load(std::memory_order_relaxed)) return;  // samples are never overwritten
   if (loop_thread_.load(std::memory_order_relaxed) == 0)
     loop_thread_.store(gettid(), std::memory_order_release);
   whole_ns_[tick.cycle % whole_ns_.size()] = (host_now() - tick.start).count();

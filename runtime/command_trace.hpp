@@ -23,12 +23,12 @@ class CommandTrace {
     std::size_t samples = 30000;  // cycles kept
     // Instance whose feature outputs are kept. 0xFFFF: none.
     std::uint16_t instance = 0xFFFF;
-    bool streaming = false;  // begin only when the instance follows a stream
+    bool streaming = false;  // begin once the instance follows a stream
   };
 
   CommandTrace(const RecordLayout& layout, Options options);
 
-  // Loop thread, after each step. Costs two clock readings.
+  // Loop thread, after each step. Reads the clock twice.
   void step_done(const Tick& tick);
   // Relay thread, every record in order.
   void take(const CycleRecord& record);

@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t kErrors = kArmErrorCount;
 constexpr double kSlow_us = 500;   // computing time beyond which the controllers are the cause
-constexpr double kTooNear = 0.05;  // parts of an arm at a smaller distance are named [m]
+constexpr double kTooNear = 0.05;  // parts of an arm closer than this are named [m]
 
 JointVector joints(const JointArray& values, std::size_t n) {
   JointVector result(static_cast<Eigen::Index>(n));
@@ -68,7 +68,7 @@ class Case {
     }
   }
 
-  // Adds what the number does not show.
+  // Adds context to the number.
   std::string remark(ArmError error, const ReflexDetail& detail) const {
     switch (error) {
       case ArmError::self_collision_avoidance_violation:
@@ -76,18 +76,15 @@ class Case {
       case ArmError::joint_reflex:
       case ArmError::cartesian_reflex:
         if (!limits_.thresholds) {
-          return "The arm's thresholds are not known to this program; set them with 'collision:' in the "
-                 "scene.";
+          return "The arm's thresholds are unknown to this program; set them with 'collision:' in the scene.";
         }
         if (limits_.thresholds->acceleration)
           return "While the arm accelerates it uses the thresholds for acceleration.";
         return {};
       case ArmError::controller_torque_discontinuity:
         return detail && std::abs(detail.value) <= detail.limit * (1 + 1e-5)
-                   ? "The sent commands kept the limit: commands were lost on the way, and the arm saw the "
-                     "steps "
-                     "of several "
-                     "periods in one."
+                   ? "The sent commands kept the limit: commands were lost, so the arm received the change "
+                     "of several periods at once."
                    : "";
       case ArmError::communication_constraints_violation:
         return who_was_late();
@@ -107,7 +104,7 @@ class Case {
     return periods == 0 ? 0 : std::min(1.0, static_cast<double>(answers) / static_cast<double>(periods));
   }
 
-  // Numbers of states that were lost or came too late to be answered.
+  // Numbers of states that were lost or arrived too late to be answered.
   std::uint64_t missed_in_row() const {
     std::uint64_t worst = 0, before = cycles_.front().arm.sequence;
     for (const auto& c : cycles_) {
@@ -160,7 +157,7 @@ class Case {
     return worst.detail;
   }
 
-  // Pairs of parts of the arm only: the arm does not know its surroundings.
+  // Only pairs of parts of the arm, which does not know its environment.
   ReflexDetail self_collision(ArmError error) {
     ModelTerms& terms = model();
     const auto& shapes = limits_.model->collision_shapes();
@@ -261,7 +258,7 @@ class Case {
     }
     if (silent >= 3) {
       return fmt::format(
-          "Packets of other arms came for {} cycles while those of this arm did not: the cause is the "
+          "Packets of other arms arrived for {} cycles while those of this arm did not: the cause is the "
           "connection to "
           "this arm (cable, switch, its control unit).",
           silent);
@@ -273,12 +270,11 @@ class Case {
     }
     if (longest_ms > 2) {
       return fmt::format(
-          "No cycle began for {:.1f} ms before cycle {}: this computer slept or the network was silent; "
-          "'multipanda doctor' finds out which.",
+          "No cycle began for {:.1f} ms before cycle {}: this computer stalled or the network was silent; "
+          "'multipanda doctor' shows which.",
           longest_ms, cycles_[at].cycle);
     }
-    return "Every received state was answered in time: the commands were lost or late on their way to the "
-           "arm.";
+    return "Every received state was answered in time: the commands were lost or late on the way to the arm.";
   }
 
   ModelTerms& model() {
@@ -298,12 +294,12 @@ class Case {
   std::string nearest_names_;
 };
 
-// Estimated from the same measurements whose own limits were checked first.
+// Estimated from measurements whose own limits were checked first.
 bool is_contact(ArmError error) {
   return error == ArmError::joint_reflex || error == ArmError::cartesian_reflex;
 }
 
-// A limit of zero is not published: then only the value is given.
+// A limit of zero means unpublished: only the value is shown.
 std::string sentence_of(ArmError error, const ReflexDetail& detail) {
   if (!detail) return std::string(explain(error)) + " The records do not show where and by how much.";
   std::string text = describe(detail);  // "What happened. (joint 4: value, limit x N m)"

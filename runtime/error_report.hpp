@@ -1,18 +1,48 @@
 #pragma once
 
+#include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <span>
+#include <string>
 #include <string_view>
+#include <vector>
 
-#include "backends/simulated_arm/motion_limits.hpp"
+#include "arm_interface/arm_error.hpp"
+#include "backends/simulated_arm/measured_limits.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/model/arm_model.hpp"
 #include "core/record/cycle_record.hpp"
 #include "core/safety/safety.hpp"
-#include "runtime/reflex_report.hpp"
 
 namespace multipanda {
+
+// Why an arm stopped itself, according to the records.
+struct ErrorExplanation {
+  ReflexDetail detail;  // of the first error with a figure, limits before contacts; count_: no figure
+  std::vector<std::string> sentences;  // per error: event, joint or axis, value and limit
+  std::vector<std::string> cures;      // what to do next, per error
+  // Periods in these records, as seen by this computer: number, answered share, longest run of misses.
+  std::size_t cycles = 0;
+  double answered = 0;
+  std::uint64_t missed_in_row = 0;
+};
+
+// An arm stopped itself in a run.
+struct ReflexReport {
+  std::string arm;
+  double t_s = 0;  // loop time
+  std::uint64_t cycle = 0;
+  std::uint64_t errors = 0;  // bit i: ArmError i
+  ErrorExplanation why;
+  std::filesystem::path file;  // table of the last cycles; empty: not written
+  std::string file_problem;    // why not
+
+  std::string reason() const;              // "joint_reflex: joint 4 ..."
+  std::string headline() const;            // "arm 'left' stopped itself at 2.500 s: joint_reflex"
+  std::vector<std::string> lines() const;  // the whole report
+};
 
 // One arm's part of a cycle's record.
 struct ArmCycle {
@@ -38,13 +68,13 @@ struct ArmErrorLimits {
   std::shared_ptr<const ArmModel> model;
   ArmFrames frames;
   Load tool, load;
-  // Its base moves with another arm, or it carries one, whose records are not looked at: what it estimated
-  // itself is not what the loop did.
+  // Its base moves with another arm, or it carries one; those records are not evaluated: the arm's own
+  // estimates may differ from the loop's.
   bool beside_moving_base = false;
 };
 
 // Explains errors (bit i: ArmError i) from the arm's last cycles, oldest first. The last cycle is the one in
-// which the errors were first seen. The explanation names what the records do not show.
+// which the errors first appeared. The explanation names information missing in the records.
 ErrorExplanation explain(std::uint64_t errors, std::span<const ArmCycle> cycles,
                          const ArmErrorLimits& limits);
 

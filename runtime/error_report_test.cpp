@@ -273,7 +273,7 @@ TEST(ErrorExplanations, StateWhenTheLimitIsUnknown) {
   EXPECT_EQ(why.detail.index, 4);
   EXPECT_DOUBLE_EQ(why.detail.value, -7.5);
   EXPECT_THAT(why.sentences[0], HasSubstr("joint 5: -7.5"));
-  EXPECT_THAT(why.sentences[0], HasSubstr("not known to this program"));
+  EXPECT_THAT(why.sentences[0], HasSubstr("unknown to this program"));
   EXPECT_THAT(why.sentences[0], testing::Not(HasSubstr("limit 0")));
 }
 
@@ -291,7 +291,7 @@ TEST(ErrorExplanations, NameTheLateSide) {
        [](auto& c) {
          for (auto& x : c) x.total_ns = 30000;
        },
-       0, 1.0, "on their way to the arm"},
+       0, 1.0, "on the way to the arm"},
       {"own code",
        [](auto& c) {
          c[10].total_ns = 4000000;
@@ -313,7 +313,7 @@ TEST(ErrorExplanations, NameTheLateSide) {
            c[i].arm.sequence = i == 49 ? 149 : 139;
          }
        },
-       9, 41.0 / 50, "Packets of other arms came for 9 cycles"},
+       9, 41.0 / 50, "Packets of other arms arrived for 9 cycles"},
   };
   for (const auto& row : rows) {
     auto cycles = quiet_cycles(50);
@@ -331,7 +331,7 @@ TEST(ErrorExplanations, TorqueStepsThatWereNotSent) {
   const auto why = explain(error_bit(ArmError::controller_torque_discontinuity), cycles, plain_limits());
   EXPECT_EQ(why.detail.index, 2);
   EXPECT_NEAR(why.detail.value, 900, 1e-9);
-  EXPECT_THAT(why.sentences[0], HasSubstr("lost on the way"));
+  EXPECT_THAT(why.sentences[0], HasSubstr("commands were lost, so"));
 }
 
 // --- In a run ---

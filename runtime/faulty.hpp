@@ -5,7 +5,7 @@
 namespace multipanda {
 
 // "faulty": holds its arm by damping until `after_s` has passed, then causes a fault on purpose. For the demo
-// and for tests; only the registry of the demo has it.
+// and tests; only the demo's registry contains it.
 ControlletType faulty_controllet();
 
 }  // namespace multipanda

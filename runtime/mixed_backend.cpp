@@ -47,7 +47,7 @@ Capabilities MixedBackend::capabilities(ArmIndex arm) const {
   return can;
 }
 
-// The real arms begin last: from then on they need an answer each millisecond, which only the loop gives.
+// Real arms start last: from then on they need an answer every millisecond, which only the loop gives.
 void MixedBackend::start() {
   parts_.simulated->start();
   try {
@@ -146,10 +146,10 @@ std::future<RequestAnswer> MixedBackend::request(WorldRequest request) {
   if (std::holds_alternative<PauseSimulation>(request) || std::holds_alternative<StepSimulation>(request)) {
     return refuse_request("this run has real arms and cannot be paused: stop the arms instead");
   }
-  // Laws can couple a simulated arm to a real one, which would feel the push.
+  // Laws may couple a simulated arm to a real one, which would feel the push.
   if (std::holds_alternative<PushObject>(request) || std::holds_alternative<ResetSimulation>(request)) {
     return refuse_request(
-        "this run has real arms: objects are not pushed and the world is not reset while it goes");
+        "this run has real arms: objects cannot be pushed and the world cannot be reset during the run");
   }
   return parts_.simulated->request(std::move(request));
 }

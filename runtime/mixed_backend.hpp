@@ -11,18 +11,18 @@ namespace multipanda {
 
 // Simulated and real arms of one scene in one loop.
 //
-// In real time a step comes with every packet of a real arm, and every millisecond with all simulated ones;
-// no arm waits for another, so that a real arm gets its torque without delay. In lock-step
-// (virtual arms of another process) all arms step together, by the virtual arms' time.
+// In real time every packet of a real arm triggers a step, and every millisecond one with all simulated arms;
+// no arm waits for another, so that real arms get their torques without delay. In lock-step (virtual arms of
+// another process) all arms step together, by the virtual arms' time.
 //
 // The simulated world holds the scene's objects and the simulated arms only: real arms do not touch them.
 class MixedBackend : public Backend, public SimulationView {
  public:
   struct Parts {
     std::unique_ptr<Backend> real;
-    std::unique_ptr<Backend> simulated;               // in lock-step, unpaced: this class gives the pace
+    std::unique_ptr<Backend> simulated;               // in lock-step, unpaced: this class sets the pace
     std::vector<ArmIndex> real_arms, simulated_arms;  // the scene's indices, in the parts' order
-    bool lockstep = false;                            // as `real` was made
+    bool lockstep = false;                            // mode of `real`
   };
   explicit MixedBackend(Parts parts);
 
@@ -35,7 +35,7 @@ class MixedBackend : public Backend, public SimulationView {
   LoopTime now() const override { return now_; }
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
-  std::uint64_t overruns() const override;  // real arms' packets lost, and milliseconds that were missed
+  std::uint64_t overruns() const override;  // lost packets of real arms, and missed milliseconds
   // Requests to the world go to the simulated part. It cannot be paused, because real arms cannot.
   std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override;
   std::future<RequestAnswer> request(ArmIndex arm, GripperRequest request) override;

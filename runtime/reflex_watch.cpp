@@ -10,10 +10,11 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "arm_interface/arm_settings.hpp"
 #include "backends/simulated_arm/measured_limits.hpp"
 #include "backends/simulated_arm/self_collision.hpp"
-#include "core/state/arm_mode_name.hpp"
-#include "device/arm_settings.hpp"
+#include "core/record/arm_config.hpp"
+#include "core/state/arm_state.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
@@ -59,22 +60,9 @@ ReflexWatch::ReflexWatch(RecordLayout layout, std::vector<ArmErrorLimits> limits
       errors_(layout_.arms.size(), 0) {}
 
 void ReflexWatch::take(const Event& event) {
-  if (event.kind != EventKind::arm_config || event.arm >= limits_.size() || event.size < 22) return;
+  if (event.arm >= limits_.size()) return;
   ArmErrorLimits& limits = limits_[event.arm];
-  const auto pose = [&](std::size_t at) {
-    const double* v = event.values.data() + at;
-    return Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
-  };
-  limits.frames = {.X_FE = pose(0), .X_EK = pose(7)};
-  const bool with_inertia = event.size == 34;
-  const auto load = [&](std::size_t at, Load& of) {
-    const double* v = event.values.data() + at;
-    of.mass = v[0];
-    of.p_FC = {v[1], v[2], v[3]};
-    if (with_inertia) of.inertia_C << v[4], v[5], v[6], v[5], v[7], v[8], v[6], v[8], v[9];
-  };
-  load(14, limits.tool);
-  load(with_inertia ? 24 : 18, limits.load);
+  (void)read_arm_config(event, limits.frames, limits.tool, limits.load);
 }
 
 std::vector<ReflexReport> ReflexWatch::take(const CycleRecord& record) {

@@ -14,14 +14,14 @@ namespace multipanda {
 // records, never on the loop's.
 class ReflexWatch {
  public:
-  static constexpr std::size_t kCycles = 50;  // kept and written
+  static constexpr std::size_t kCycles = 50;  // number of stored and written cycles
 
-  // One element of `limits` per arm. `folder`: folder of the run; empty: a new temporary folder, made with
+  // One element of `limits` per arm. `folder`: folder of the run; empty: a new temporary folder, created with
   // the first table.
   ReflexWatch(RecordLayout layout, std::vector<ArmErrorLimits> limits, std::filesystem::path folder);
 
-  void take(const Event& event);  // frames and loads that change
-  // Reports of the arms whose errors begin with this record.
+  void take(const Event& event);  // handles changes of frames and loads
+  // Reports on arms whose errors begin with this record.
   std::vector<ReflexReport> take(const CycleRecord& record);
 
  private:
@@ -34,16 +34,16 @@ class ReflexWatch {
   std::filesystem::path folder_;
   std::vector<ArmCycle> ring_;  // kCycles per arm
   std::size_t taken_ = 0;
-  std::vector<std::uint64_t> errors_;  // seen before
+  std::vector<std::uint64_t> errors_;  // errors already reported
   std::size_t files_ = 0;
 };
 
-// Limits of each arm from the scene, for simulated arms also those of the simulation.
+// Limits of each arm from the scene; for simulated arms also those of the simulation.
 std::vector<ArmErrorLimits> error_limits(const Scene& scene,
                                          const std::vector<std::shared_ptr<const ArmModel>>& models,
                                          const std::vector<bool>& simulated);
 
-// The cycles as a table: one line per cycle, SI units in the column names.
+// The cycles as a table: one line per cycle, SI units in column names.
 std::string to_csv(const std::vector<ArmCycle>& cycles, std::size_t joint_count);
 
 }  // namespace multipanda

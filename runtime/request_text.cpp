@@ -1,23 +1,14 @@
 #include "runtime/request_text.hpp"
 
+#include <algorithm>
 #include <bit>
 
-#include <nlohmann/json.hpp>
-
-#include "support/spelling.hpp"
+#include "common/spelling.hpp"
 
 namespace multipanda {
 namespace {
 
-std::string quoted(const std::string& name) { return "'" + name + "'"; }
-
-// Limits the length of a mistyped name in messages.
-std::string shortened(const std::string& name) { return quoted(name.substr(0, 60)); }
-
-// The shortest text that reads back as the same number.
-std::string shortest(double value) { return nlohmann::json(value).dump(); }
-
-// What the features of these controllets ask of the state when they start.
+// Conditions on the state for starting these controllets' features.
 std::string conditions_of(const MultimodeController& modes, InstanceSet set) {
   std::string text;
   for (; set != 0; set &= set - 1) {
@@ -57,7 +48,8 @@ std::vector<std::string> instance_names(const MultimodeController& modes) {
   return names;
 }
 
-std::string reason(const MultimodeController& modes, const Request& request, Verdict verdict) {
+std::string reason(const MultimodeController& modes, const Request& request, Verdict verdict,
+                   Intervention rule) {
   const bool set = request.instance < modes.instance_count();
   switch (verdict) {
     case Verdict::two_owners:
@@ -66,27 +58,39 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
           if ((request.activate & bit(a)) == 0 || (request.activate & bit(b)) == 0) continue;
           const ArmSet common = modes.instance(a).arms() & modes.instance(b).arms();
           if (common.empty()) continue;
-          return quoted(modes.instance(b).name()) + " and " + quoted(modes.instance(a).name()) +
-                 " both own arm " + quoted(modes.arm_name(common.first())) + ": activate one of them";
+          return in_quotes(modes.instance(b).name()) + " and " + in_quotes(modes.instance(a).name()) +
+                 " both own arm " + in_quotes(modes.arm_name(common.first())) + ": activate one of them";
         }
       }
       break;
     case Verdict::arm_stopped:
+      if (request.kind == Request::Kind::resume && modes.stopped().overlaps(request.arms))
+        return joined(names_of(modes, modes.stopped() & request.arms)) +
+               " was stopped again, later than the asker has seen: look at the arms and at why, then resume";
+      if (modes.stopped().empty())
+        return "it was asked before a stop that has been resumed since: look at the arms, then ask again";
       return "stopped: " + joined(names_of(modes, modes.stopped())) + "; resume first";
     case Verdict::not_active:
       if (set)
-        return quoted(modes.instance(request.instance).name()) +
+        return in_quotes(modes.instance(request.instance).name()) +
                " is not active and set-points reach active controllets only; activate it first";
       break;
+    case Verdict::wrong_size:
+    case Verdict::not_finite:
     case Verdict::out_of_bounds:
-      if (set && request.kind == Request::Kind::set_parameter) {
+      if (std::string why = modes.refusal(request); !why.empty()) return why;
+      if (verdict == Verdict::out_of_bounds && set && request.kind == Request::Kind::set_parameter) {
         const Instance& target = modes.instance(request.instance);
         const std::string why =
             target.bound_text(request.index, std::span(request.values).first(request.size));
         if (!why.empty()) return why;
         const ParameterSpec& spec = target.parameter_spec(request.index);
-        return quoted(spec.name) + " must be " + shortest(spec.min) + " to " + shortest(spec.max) +
-               (spec.unit.empty() ? "" : " " + spec.unit);
+        const auto values = std::span(request.values).first(request.size);
+        const auto wrong =
+            std::ranges::find_if(values, [&spec](double x) { return x < spec.min || x > spec.max; });
+        return in_quotes(spec.name) + " must be " + number_text(spec.min) + " to " + number_text(spec.max) +
+               (spec.unit.empty() ? "" : " " + spec.unit) +
+               (wrong == values.end() ? "" : ", found " + number_text(*wrong));
       }
       break;
     case Verdict::arm_not_ready:
@@ -96,29 +100,49 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
         std::string_view why = target.feature_refusal(request.index);
         if (why.empty() && verdict == Verdict::start_refused) why = target.start_condition(request.index);
         if (!why.empty())
-          return quoted(target.feature_descriptor(request.index).type) + ": " + std::string(why);
+          return in_quotes(target.feature_descriptor(request.index).type) + ": " + std::string(why);
       }
+      if (rule != Intervention::none && rule != Intervention::arm_not_ready)
+        return std::string(to_string(rule)) + " (" + joined(names_of(modes, request.activate)) +
+               "): an arm would be held again at once; nothing was changed; lead the arm back by hand, "
+               "or stop it and resume it, which frees it once, and ask again";
       return std::string(to_string(verdict)) + " (" + joined(names_of(modes, request.activate)) +
              "); nothing was changed; 'state' shows the modes of the arms, 'recover' clears an error" +
              (verdict == Verdict::start_refused ? conditions_of(modes, request.activate) : "");
     case Verdict::timeout:
       return "the loop did not take the request within 1 s, and it will not be executed: the arms may not be "
-             "connected yet, the simulation may be paused, or the run may have ended";
+             "connected yet, the simulation may be paused, the program may have stood still, or the run may "
+             "have "
+             "ended";
     case Verdict::pending:
-      return "the loop took the request, but its answer was lost: look at 'state' before asking again";
+      return "the loop took the request, but its answer was lost: check 'state' before you try again";
     default:
       break;
   }
   return std::string(to_string(verdict));
 }
 
+std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend& backend, ArmIndex arm,
+                                       ArmRequest request) {
+  if (std::holds_alternative<SetLoad>(request)) {
+    const std::string who = "arm " + in_quotes(modes.arm_name(arm));
+    const Instance& owner = modes.instance(modes.owner(arm));
+    if (modes.stopped().contains(arm))
+      return refuse_request(who + " is stopped, and another load would move it: resume it first");
+    if (owner.descriptor().guided)
+      return refuse_request(who + " is guided by hand by " + in_quotes(owner.name()) +
+                            ", and another load would move it: switch to another controllet first");
+  }
+  return backend.request(arm, std::move(request));
+}
+
 std::string no_such_controllet(const MultimodeController& modes, const std::string& name) {
-  return "there is no controllet " + shortened(name) +
+  return "there is no controllet " + in_quotes(name) +
          name_hint(name, instance_names(modes), "there are none");
 }
 
 std::string no_such_arm(const MultimodeController& modes, const std::string& name) {
-  return "there is no arm " + shortened(name) +
+  return "there is no arm " + in_quotes(name) +
          name_hint(name, names_of(modes, ArmSet::all(modes.arm_count())), "there are none");
 }
 
@@ -126,12 +150,17 @@ std::string no_such_feature(const Instance& instance, const std::string& name) {
   std::vector<std::string> valid;
   for (std::size_t i = 0; i < instance.feature_count(); ++i)
     valid.push_back(instance.feature_descriptor(i).type);
-  return "there is no feature " + shortened(name) + name_hint(name, valid, "there are none");
+  return "there is no feature " + in_quotes(name) + name_hint(name, valid, "there are none");
 }
 
 std::string no_such_parameter(const Instance& instance, const std::string& name) {
-  return quoted(instance.name()) + " has no parameter " + shortened(name) +
-         name_hint(name, instance.parameter_names(), "it has none");
+  return has_no(instance.name(), "parameter", name, instance.parameter_names());
+}
+
+std::string no_such_input(const Instance& instance, const std::string& name) {
+  std::vector<std::string> valid;
+  for (const Reference& input : instance.inputs()) valid.push_back(input.spec().name);
+  return has_no(instance.name(), "input", name, valid);
 }
 
 }  // namespace multipanda

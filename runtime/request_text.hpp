@@ -1,25 +1,33 @@
 #pragma once
 
+#include <future>
 #include <string>
-#include <string_view>
 #include <vector>
 
+#include "core/cycle/backend.hpp"
 #include "core/modes/multimode_controller.hpp"
 
-// Human-readable results of requests, the same for socket and ROS. Not for the loop's thread.
+// Texts for results of requests, shared by all clients of a run. Not for the loop's thread.
 namespace multipanda {
 
 std::vector<std::string> names_of(const MultimodeController& modes, InstanceSet set);
 std::vector<std::string> names_of(const MultimodeController& modes, ArmSet arms);
 std::vector<std::string> instance_names(const MultimodeController& modes);
 
-// Why a request was refused, and what to do.
-std::string reason(const MultimodeController& modes, const Request& request, Verdict verdict);
+// Why a request was refused, and what to do. `rule`: Answer::rule.
+std::string reason(const MultimodeController& modes, const Request& request, Verdict verdict,
+                   Intervention rule = Intervention::none);
+
+// Sends a request to an arm of the run. A load is refused here while the arm is stopped or guided by hand,
+// because a wrong one would move it.
+std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend& backend, ArmIndex arm,
+                                       ArmRequest request);
 
 // Messages for unknown names, with the nearest valid one.
 std::string no_such_controllet(const MultimodeController& modes, const std::string& name);
 std::string no_such_arm(const MultimodeController& modes, const std::string& name);
 std::string no_such_feature(const Instance& instance, const std::string& name);
 std::string no_such_parameter(const Instance& instance, const std::string& name);
+std::string no_such_input(const Instance& instance, const std::string& name);
 
 }  // namespace multipanda

@@ -3,7 +3,7 @@
 #include <dlfcn.h>
 #include <stdexcept>
 
-#include "support/own_files.hpp"
+#include "common/own_files.hpp"
 
 namespace multipanda {
 namespace {

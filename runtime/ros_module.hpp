@@ -16,8 +16,8 @@ struct RosArguments {
   bool operator==(const RosArguments&) const = default;
 };
 
-// The library with the ROS adapter is loaded only with --ros, so that other runs have no ROS library, no
-// Python and no second logger in their process. It exports
+// The library with the ROS adapter is loaded only with --ros: other runs have no ROS library, no Python and
+// no second logger in their process. It exports
 //   unsigned multipanda_ros_version()
 //   RunAdapter* multipanda_make_ros_adapter(const RunContext&, const RosArguments&)
 //   SetPointChannel* multipanda_make_topic_link(const TopicArguments&) (motion_generators/topic_channel.hpp)
@@ -31,7 +31,7 @@ inline constexpr unsigned kRosModuleVersion =
 std::filesystem::path ros_module_path();
 
 // Loads the library, which is never unloaded, and returns one of its functions. Throws std::runtime_error
-// with advice if the library is missing or unusable.
+// with the remedy if the library is missing or unusable.
 void* ros_module_function(const char* name, const std::filesystem::path& module = ros_module_path());
 
 // Loads the library, which is never unloaded. Throws std::runtime_error with advice if the library is missing

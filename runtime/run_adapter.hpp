@@ -13,7 +13,7 @@
 
 namespace multipanda {
 
-// The parts of a run that an adapter uses. They outlive the adapter.
+// Parts of a run for an adapter. They outlive the adapter.
 struct RunContext {
   const Scene* scene = nullptr;
   MultimodeController* modes = nullptr;  // members for threads other than the loop's
@@ -23,11 +23,11 @@ struct RunContext {
 };
 
 // Connects a run with other programs (ROS): receives its records and sends requests to its controller and
-// backend. It exists from before the first cycle until after the last one and owns the threads it needs.
+// backend. Exists from before the first cycle until after the last one, and owns its threads.
 class RunAdapter {
  public:
   virtual ~RunAdapter() = default;
-  // On the relay thread, for every record in order. Must not wait: the log comes afterwards.
+  // On the relay thread, for every record in order. Must not wait, because the log is written afterwards.
   virtual void take(const CycleRecord& record) = 0;
   virtual void take(const Event& event) = 0;
   // On the loop's thread between two steps, to read the world. Must not allocate or lock.

@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "device/arm_error.hpp"
+#include "arm_interface/arm_error.hpp"
 
 namespace multipanda {
 namespace {
@@ -95,6 +95,7 @@ void RunMonitor::take(const Event& event) {
       break;
     case EventKind::arm_config:
     case EventKind::arm_mode:
+    case EventKind::goal_ended:
       break;
   }
 }

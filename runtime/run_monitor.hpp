@@ -9,12 +9,11 @@
 #include <string>
 #include <vector>
 
+#include "arm_interface/command_success.hpp"
 #include "core/record/cycle_record.hpp"
+#include "core/rt/cycle_histogram.hpp"
 #include "core/state/arm_state.hpp"
-#include "core/state/connection_statistics.hpp"
 #include "core/types/joints.hpp"
-#include "device/command_success.hpp"
-#include "runtime/cycle_histogram.hpp"
 #include "runtime/summary.hpp"
 
 namespace multipanda {
@@ -41,7 +40,7 @@ struct RunStatus {
   std::uint64_t cycles = 0, overruns = 0;
   std::vector<ArmStatus> arms;
   std::uint64_t events = 0;  // so far; the newest are in `news`
-  // The first request of the scene itself (its start or timeline) that the loop refused; empty: none.
+  // The first request of the scene (start or timeline) that the loop refused; empty: none.
   std::string refusal;
   std::deque<std::string> news;  // one line per event, newest last; repeated interventions share a line
 };
@@ -109,7 +108,7 @@ class RunMonitor {
   std::uint64_t cycles_published_ = 0;
   mutable std::mutex mutex_;
   RunStatus status_;                 // guarded by mutex_, as the next
-  std::vector<std::string> posted_;  // by add_news(), not yet in news_
+  std::vector<std::string> posted_;  // from add_news(), not yet in news_
 };
 
 }  // namespace multipanda

@@ -3,23 +3,30 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <unistd.h>
 
 #include <fmt/format.h>
 
 #include "backends/simulation_view.hpp"
-#include "runtime/reach.hpp"
+#include "common/machine.hpp"
+#include "runtime/live_input/socket_path.hpp"
 #include "scene/build.hpp"
-#include "scene/carried_arms.hpp"
-#include "scene/flange_load.hpp"
-#include "support/machine.hpp"
 
 namespace multipanda {
 namespace {
 
 constexpr std::size_t kLoopRing = 2048;  // cycles between loop and relay: bridges a stall of two seconds
 constexpr std::size_t kLogRingBytes = 64u << 20;
-constexpr std::chrono::seconds kPatience{1};  // after the hold, in case the world is paused
+constexpr std::chrono::seconds kPatience{1};  // additional time after the hold, in case the world is paused
 constexpr std::size_t kMargin = 64;           // cycles kept free in a ring by an unpaced loop
+
+std::vector<std::string> free_objects(const Scene& scene) {
+  std::vector<std::string> names;
+  for (const auto& object : scene.objects) {
+    if (!object.fixed) names.push_back(object.name);
+  }
+  return names;
+}
 
 std::size_t log_ring_cycles(const RecordLayout& layout) {
   const std::size_t bytes = sizeof(CycleRecord) + layout.arms.size() * sizeof(ArmSample) +
@@ -46,6 +53,11 @@ bool simulates(const Backend& backend) {
   return true;
 }
 
+// Whether the loop is to keep up with the wall clock, so that it stands still only with the program.
+bool is_on_the_wall_clock(const SessionOptions& options) {
+  return options.paced && !options.backend.lockstep;
+}
+
 void sleep_us(int us) { std::this_thread::sleep_for(std::chrono::microseconds(us)); }
 
 }  // namespace
@@ -62,6 +74,7 @@ Session::Session(Scene scene, const Registry& registry, SessionOptions options)
   build();
   if (!options_.record.empty()) open_log();
   if (!options_.socket.empty() || options_.share_records) open_live_input();
+  if (options_.socket.empty() && options_.paced && !simulates(backend())) offer_stops();
   if (options_.make_adapter) {
     adapter_ = options_.make_adapter({.scene = &scene_,
                                       .modes = &modes(),
@@ -89,7 +102,7 @@ void Session::build() {
   if (options_.make_backend) {
     backend_ = {.backend = options_.make_backend(scene_), .description = "another"};
   } else {
-    // The monitor needs the cycle, which needs the backend: what the backend reports before is kept.
+    // The monitor needs the cycle, which needs the backend: earlier messages of the backend are stored.
     const auto report = [this](const std::string& text) {
       const std::lock_guard lock(early_news_mutex_);
       monitor_ ? monitor_->add_news(text) : early_news_.push_back(text);
@@ -97,14 +110,9 @@ void Session::build() {
     backend_ = make_backend(scene_, registry_, options_.backend, {.paced = options_.paced, .report = report});
   }
   cycle_ = std::make_unique<ControlCycle>(std::move(config), registry_, *backend_.backend);
-  auto timeline = build_schedule(scene_, modes());
-  Reach reach(models_);
-  for (ArmIndex i = 0; i < models_.size(); ++i) {
-    if (!mounts_[i]) reach.set_end_effector(i, arm_config(scene_.arms[i]).frames.X_FE);
-  }
-  reach.check(timeline, modes());
-  modes().schedule(std::move(timeline));
+  modes().schedule(build_schedule(scene_, modes()));
   modes().activate_at_start(start_set(scene_, modes()));
+  if (is_on_the_wall_clock(options_)) modes().stop_after_gaps();
   const std::lock_guard lock(early_news_mutex_);
   monitor_ = std::make_unique<RunMonitor>(
       cycle_->layout(), std::move(tau_max),
@@ -124,8 +132,31 @@ void Session::share_records() {
   }
 }
 
+// A program that moves real arms by itself is stopped like any other run. Not fatal: it has its own ways.
+void Session::offer_stops() {
+  static std::atomic<int> count{0};
+  LiveInputContext run{.scene = scene_.name,
+                       .modes = &modes(),
+                       .backend = backend_.backend.get(),
+                       .latest = &latest_,
+                       .models = models_,
+                       .mounts = mounts_,
+                       .rotations = {},
+                       .stops_only = true};
+  try {
+    const auto folder = socket_folder();
+    make_private_folder(folder);
+    live_ = std::make_unique<LiveServer>(
+        folder / fmt::format("{}-{}-{}.sock", scene_.name, getpid(), ++count), std::move(run));
+  } catch (const std::exception& error) {
+    monitor_->add_news(std::string("`multipanda ctl stop` does not reach this run: ") + error.what());
+  }
+}
+
 void Session::open_live_input() {
   share_records();
+  if (!free_objects(scene_).empty() && has_simulated_arm(backend()))
+    poses_ = std::make_unique<ObjectPoses>(scene_);
   live_context_ = {.scene = scene_.name,
                    .modes = &modes(),
                    .backend = backend_.backend.get(),
@@ -133,6 +164,7 @@ void Session::open_live_input() {
                    .models = models_,
                    .mounts = mounts_,
                    .rotations = {},
+                   .objects = poses_.get(),
                    .records = shared_.get(),
                    .mark = [this](const EpisodeMark& mark) {
                      const std::lock_guard lock(marks_mutex_);
@@ -140,7 +172,7 @@ void Session::open_live_input() {
                    }};
   for (const auto& object : scene_.objects)
     live_context_.rotations.emplace(object.name, object.X_WO.rotation);
-  for (const auto& arm : scene_.arms) live_context_.flanges.push_back(flange_load(arm));
+  for (const auto& arm : scene_.arms) live_context_.flanges.push_back(flange_load(arm, robot_of(arm)));
   if (options_.socket.empty()) return;
   try {
     live_ = std::make_unique<LiveServer>(options_.socket, live_context_);
@@ -156,13 +188,10 @@ void Session::open_log() {
   const std::size_t capacity =
       options_.ring_cycles != 0 ? options_.ring_cycles : log_ring_cycles(cycle_->layout());
   log_ring_ = std::make_unique<RecordRing>(cycle_->layout(), capacity);
-  std::vector<std::string> objects;
-  for (const auto& object : scene_.objects) {
-    if (!object.fixed) objects.push_back(object.name);
-  }
+  std::vector<std::string> objects = free_objects(scene_);
   const std::uint64_t every = options_.log_every.objects;
   if (every == 0 || objects.empty() || !has_simulated_arm(backend())) return;
-  // As many cycles as wait between loop and recorder at most, so that an unpaced run loses none.
+  // At most the cycles that wait between loop and recorder, so that an unpaced run loses none.
   const std::size_t cycles = cycle_->record()->ring.capacity() + capacity + 1024;
   objects_ = std::make_unique<ObjectRing>(std::move(objects), every, cycles / every + 2);
 }
@@ -214,7 +243,7 @@ void Session::run_loop() {
   try {
     backend().start();
     runs = true;
-    // What was asked while real arms were being connected moves none of them.
+    // Requests made while real arms were being connected must not move them.
     if (!simulates(backend())) modes().begin_anew();
     started_ = host_now();
     first_cycle_ = cycle_->data().tick.cycle;
@@ -238,22 +267,23 @@ void Session::run_loop() {
   end_changed_.notify_all();
 }
 
-// After an exception, which a second one must not hide.
+// After an exception, which another one must not hide.
 void Session::leave_arms_safe() noexcept {
   try {
     backend().finish();
   } catch (...) {
-    monitor_->add_news("the arms could not be left in order after a failure: stop them by hand");
+    monitor_->add_news("the arms could not be stopped properly after a failure: press their user stops");
   }
 }
 
-// Called between two steps. All reasons to end or delay a run are handled here, outside of step().
+// Called between two steps. Handles all reasons to end or delay a run, outside of step().
 bool Session::keep_on() {
   const Tick& tick = cycle_->data().tick;
   if (tick.cycle == first_cycle_) return true;
   if (tick.cycle == first_cycle_ + 1) first_ = tick.t;
   if (options_.on_loop) options_.on_loop(tick, backend());
   if (objects_) objects_->take(tick, backend());
+  if (poses_) poses_->take([this](const std::string& name) { return backend().object_pose(name); });
   if (adapter_) adapter_->on_loop(tick, backend());
   if (is_over(tick)) return false;
   if (!options_.paced) wait_for_room();
@@ -310,8 +340,8 @@ void Session::wait_for_records() {
                                              : kLook);
 }
 
-// Relays what is there, in the loop's order: events before the record of their cycle. Events that are left
-// without a record have it still to come. In an unpaced run a full log ring stops the relay and thereby the
+// Relays available data in the loop's order: events before the record of their cycle. Remaining events
+// precede a record that is still to come. In an unpaced run a full log ring stops the relay and thereby the
 // loop; in a paced run the record is counted as lost.
 bool Session::relay() {
   constexpr int kPerTurn = 256;
@@ -329,7 +359,7 @@ bool Session::relay() {
   for (int n = 0; n < kPerTurn; ++n) {
     const CycleRecord* record = ring.ring.front();
     if (record == nullptr) {
-      // Looked at again after the event: by then the records of the cycles before it are visible.
+      // Read again after the event: by then the records of earlier cycles are visible.
       const Event* event = ring.events.front();
       if (event != nullptr && ring.ring.front() == nullptr) relay_events(event->cycle);
       break;
@@ -339,7 +369,7 @@ bool Session::relay() {
     ring.ring.pop();
     ++taken;
   }
-  // Records that the loop dropped are missing elsewhere, too.
+  // Other consumers also miss records that the loop dropped.
   const auto lost = ring.dropped_records.exchange(0), lost_events = ring.dropped_events.exchange(0);
   records_lost_ += lost;
   if (shared_) shared_->count_lost(lost, lost_events);
@@ -368,7 +398,7 @@ void Session::relay_marks() {
 void Session::relay(const Event& event) {
   monitor_->take(event);
   reflexes_->take(event);
-  if (live_context_.latest != nullptr) latest_.take(event);
+  latest_.take(event);
   if (shared_) {
     shared_->take(event);
     for (const RunEvent& seen : events_->take(event)) shared_->take(seen);
@@ -381,7 +411,14 @@ void Session::relay(const Event& event) {
 
 void Session::relay(const CycleRecord& record) {
   monitor_->take(record);
-  if (live_context_.latest != nullptr) latest_.take(record);
+  const auto gap = record.start - last_record_;
+  const bool next = last_cycle_ != 0 && record.cycle == last_cycle_ + 1;
+  if (is_on_the_wall_clock(options_) && next && gap > GapWatch::kLongest) {
+    monitor_->add_news(fmt::format(
+        "the program stood still for {:.1f} s: all arms are stopped until they are resumed", seconds(gap)));
+  }
+  last_cycle_ = record.cycle;
+  latest_.take(record);
   const auto reports = explain_errors(record);
   if (shared_) {
     shared_->take(record, modes().stopped());
@@ -429,12 +466,18 @@ RunStatus Session::status() const {
   return status;
 }
 
+Intervention Session::removed_by(ArmIndex arm) const {
+  LatestState::Snapshot snapshot;
+  latest_.copy(snapshot);
+  return snapshot.arms.at(arm).removed_by;
+}
+
 RunSummary Session::finish() {
   loop_.join();
   relay_.join();
   live_.reset();
   adapter_.reset();
-  relay_marks();  // those that came after the last cycle
+  relay_marks();  // marks from after the last cycle
   if (recorder_) recorded_ = recorder_->stop();
   if (failure_) std::rethrow_exception(failure_);
   return summary();

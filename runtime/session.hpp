@@ -16,6 +16,7 @@
 #include "runtime/backends.hpp"
 #include "runtime/live_input/latest_state.hpp"
 #include "runtime/live_input/server.hpp"
+#include "runtime/object_poses.hpp"
 #include "runtime/reflex_watch.hpp"
 #include "runtime/run_adapter.hpp"
 #include "runtime/run_monitor.hpp"
@@ -32,11 +33,11 @@ struct SessionOptions {
   std::filesystem::path record;      // folder in which a new folder with the log is created; empty: no log
   ThreadSetup thread;                // requested, not required; unpaced runs never use SCHED_FIFO
   double hold_s = 0.2;               // time in hold before a stopped run ends
-  std::size_t ring_cycles = 0;       // records that may wait for the disk; 0: chosen by their size
+  std::size_t ring_cycles = 0;       // capacity for records that wait for the disk; 0: chosen by their size
   // Socket of live input (docs/live_input.md); empty: none. Its folder must exist.
   std::filesystem::path socket;
   std::filesystem::path second_socket;  // taken if a live process has `socket`; empty: refused
-  bool share_records = false;           // also without a socket, for other ways of live input (live_input())
+  bool share_records = false;           // even without a socket, for other clients (live_input())
   // Called with every record in order on the relay thread, for tests and comparisons.
   std::function<void(const CycleRecord&)> observer;
   // Adapter next to the socket (ROS); may be empty. It receives records within about 0.2 ms.
@@ -44,9 +45,9 @@ struct SessionOptions {
   // Called between two steps on the loop's thread, to read the world (objects of a simulation). It must
   // neither block nor throw.
   std::function<void(const Tick&, const Backend&)> on_loop;
-  LogEvery log_every;  // how often the log has what
-  // Whether scenes with carried arms are run (docs/carried_arms.md). Programs that take the base of an arm
-  // for fixed leave it false; such a scene is then refused.
+  LogEvery log_every;  // how often each kind of data is logged
+  // Whether scenes with carried arms are run (docs/models.md). Programs that require fixed bases leave it
+  // false; such scenes are then refused.
   bool moving_bases = false;
   // Replaces the backend. Its loop time must advance by its own period per step.
   std::function<std::unique_ptr<Backend>(const Scene&)> make_backend;
@@ -59,7 +60,7 @@ struct SessionOptions {
 //   recorder (with a log)  writes them to disk
 //
 // A paced loop never waits: records that the disk is too slow for are missing in the log, and the summary
-// names them. An unpaced loop waits between two steps until there is room, so that no record is lost.
+// lists them. An unpaced loop waits between two steps for space, so that no record is lost.
 class Session {
  public:
   // Builds everything; nothing moves yet. Throws std::invalid_argument (invalid scene) or std::runtime_error
@@ -75,17 +76,19 @@ class Session {
   const std::vector<std::shared_ptr<const ArmModel>>& models() const { return models_; }
   MultimodeController& modes() { return cycle_->modes(); }               // requests while running
   const std::filesystem::path& directory() const { return directory_; }  // of this run; empty: no log
-  // What another way into the run uses (the cockpit), on threads of its own, until finish() is called. With
-  // share_records or a socket.
+  // For further clients (the cockpit), on their own threads, until finish() is called. With share_records or
+  // a socket.
   LiveInputContext live_input() { return live_context_; }
   std::filesystem::path socket() const { return live_ ? live_->path() : std::filesystem::path(); }
 
   void start();
   // Holds all arms, then ends the run. Any thread; idempotent.
   void stop() { stop_requested_.store(true, std::memory_order_release); }
-  // True when the loop has ended, at the latest after `timeout_s`.
+  // True once the loop has ended; returns after at most `timeout_s`.
   bool wait_for_end(double timeout_s);
   RunStatus status() const;
+  // The rule that took the arm from its last controllet (LatestState); none: a request did.
+  Intervention removed_by(ArmIndex arm) const;
   // Backends of the arms: "mujoco", or "left fci 172.16.0.2, right mujoco".
   const std::string& backend_description() const { return backend_.description; }
 
@@ -96,6 +99,7 @@ class Session {
   void build();
   void open_log();
   void open_live_input();
+  void offer_stops();
   void share_records();
   void run_loop();
   void leave_arms_safe() noexcept;
@@ -123,20 +127,22 @@ class Session {
   std::vector<std::string> early_news_;  // reported by the backend before the monitor existed
   std::unique_ptr<RunMonitor> monitor_;
   LatestState latest_;
-  std::unique_ptr<SharedRecords> shared_;  // with live input; none: not on this computer
+  std::unique_ptr<SharedRecords> shared_;  // with live input; none: not available on this computer
   LiveInputContext live_context_;
 
   std::filesystem::path directory_, log_;
   std::unique_ptr<RecordRing> log_ring_;  // relay -> recorder
+  std::unique_ptr<ObjectPoses> poses_;    // loop -> clients
   std::unique_ptr<ObjectRing> objects_;   // loop -> recorder; none: no free objects
   std::unique_ptr<Recorder> recorder_;
   RecorderStatus recorded_;
 
   // Relay thread
-  std::optional<RunEvents> events_;  // to share
+  std::optional<RunEvents> events_;  // events to share
   std::unique_ptr<ReflexWatch> reflexes_;
   std::vector<ReflexReport> reflex_reports_;
   HostTime last_record_;            // start of the newest record's cycle
+  std::uint64_t last_cycle_ = 0;    // of that record
   std::uint64_t records_lost_ = 0;  // dropped by the loop
 
   // Loop thread
@@ -155,7 +161,7 @@ class Session {
   std::vector<EpisodeMark> marks_;  // from live input, not yet relayed
 
   std::unique_ptr<LiveServer> live_;     // uses all of the above
-  std::unique_ptr<RunAdapter> adapter_;  // as well
+  std::unique_ptr<RunAdapter> adapter_;  // uses all of the above
 
   std::atomic<bool> stop_requested_{false}, loop_ended_{false};
   std::mutex end_mutex_;

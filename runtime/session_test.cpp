@@ -1,5 +1,6 @@
 #include "runtime/session.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
@@ -9,6 +10,9 @@
 #include <nlohmann/json.hpp>
 
 #include "runtime/faulty.hpp"
+#include "runtime/live_input/client.hpp"
+#include "runtime/live_input/socket_path.hpp"
+#include "runtime/live_input/testing/live_fixture.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
@@ -280,7 +284,7 @@ TEST(SessionTimeline, AGoalOutOfReachIsRefused) {
       const Session session(scene(far), registry, {.paced = false});
       ADD_FAILURE() << "accepted " << far << " m";
     } catch (const std::invalid_argument& error) {
-      EXPECT_NE(std::string(error.what()).find("timeline at 1.5 s, 'pose'"), std::string::npos)
+      EXPECT_NE(std::string(error.what()).find("the event at 1.5 s is refused: 'pose'"), std::string::npos)
           << error.what();
       EXPECT_NE(std::string(error.what()).find("out of reach"), std::string::npos) << error.what();
     }
@@ -392,6 +396,33 @@ TEST_F(SessionTest, WhatIsAskedWhileRealArmsConnectMovesNone) {
     ASSERT_EQ(summary.switches.size(), 2u);  // that of the start, and this one
     EXPECT_EQ(summary.switches.back().accepted(), simulated);
   }
+}
+
+// A program that moves real arms by itself has no socket for commands, and is stopped like any other run.
+TEST_F(SessionTest, ARunOfRealArmsIsAlwaysStoppedFromOutside) {
+  const test::PrivateFolder folder;
+  ASSERT_EQ(setenv("XDG_RUNTIME_DIR", folder.path().c_str(), 1), 0);
+  for (const bool simulated : {false, true}) {
+    SessionOptions options{.duration_s = 0.0};
+    options.make_backend = [&](const Scene& s) {
+      return std::make_unique<ConnectsSlowly>(
+          make_backend(s, registry_, {.kind = BackendKind::mujoco}, {.paced = true}).backend, simulated,
+          [] {});
+    };
+    Session session(two_poses(), registry_, options);
+    EXPECT_EQ(session.socket().empty(), simulated);
+    if (simulated) continue;
+    session.start();
+    const auto found = all_running_sockets();
+    EXPECT_NE(std::ranges::find(found, session.socket()), found.end());
+    LiveClient client(session.socket());
+    EXPECT_EQ(client.ask({{"do", "switch"}, {"activate", {"left_pose"}}})["verdict"], "malformed");
+    EXPECT_EQ(stop_run(session.socket(), {})["ok"], true);
+    EXPECT_EQ(session.modes().stopped(), ArmSet::all(2));
+    session.stop();
+    (void)session.finish();
+  }
+  unsetenv("XDG_RUNTIME_DIR");
 }
 
 TEST_F(SessionTest, TheSummaryIsOneJsonObject) {

@@ -4,13 +4,13 @@
 
 namespace multipanda {
 
-// Sees the sessions that a command runs, one after the other: the cockpit.
+// Displays the sessions of a command in sequence: the cockpit.
 class SessionViewer {
  public:
   virtual ~SessionViewer() = default;
-  virtual void prepare(const Scene& scene, SessionOptions& options) = 0;  // sets what it needs of the session
-  virtual void show(Session& session) = 0;                                // before its start
-  virtual void end() = 0;  // before the session is destroyed; idempotent
+  virtual void prepare(SessionOptions& options) = 0;  // sets the options that it needs
+  virtual void show(Session& session) = 0;            // before its start
+  virtual void end() = 0;                             // before the session is destroyed; idempotent
 };
 
 // Shows a session for as long as this exists.

@@ -27,7 +27,7 @@ std::vector<std::string> RunSummary::faults() const {
     const bool expected = std::find(expected_interventions.begin(), expected_interventions.end(),
                                     std::pair(i.arm, i.rule)) != expected_interventions.end();
     if (i.deactivates() && !expected && i.controllet == i.arm + "_hold") {
-      // Nothing comes after a hold: its arm had its gravity compensation only.
+      // No fallback exists after a hold: its arm had only its gravity compensation.
       faults.push_back(fmt::format("arm '{}': {}: its hold had no torque in {} cycle{}, first at {:.3f} s",
                                    i.arm, to_string(i.rule), i.count, i.count == 1 ? "" : "s", i.first_s));
     } else if (i.deactivates() && !expected) {
@@ -105,7 +105,7 @@ nlohmann::ordered_json to_json_value(const SwitchReport& s) {
           {"kept", s.kept},
           {"waiting_us", number(s.waiting_us, 1e-3)},
           {"computing_us", number(s.computing_us, 1e-3)},
-          {"torque_step_wanted_nm", step_requested},
+          {"torque_step_computed_nm", step_requested},
           {"torque_step_nm", step_sent}};
 }
 

@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "core/rt/thread_setup.hpp"
-#include "core/state/connection_statistics.hpp"
+#include "core/state/arm_state.hpp"
 #include "core/types/codes.hpp"
 #include "core/types/time.hpp"
-#include "runtime/reflex_report.hpp"
+#include "runtime/error_report.hpp"
 
 namespace multipanda {
 
@@ -38,22 +38,22 @@ struct InterventionReport {
   std::string arm;
   Intervention rule = Intervention::none;
   std::uint64_t count = 0;     // cycles
-  std::uint64_t episodes = 0;  // runs of such cycles: as counted in logs and reports
+  std::uint64_t episodes = 0;  // number of episodes of such cycles, as in logs and reports
   double first_s = 0;          // loop time of the first one
   std::string controllet;      // of the first one
 
-  // Clamped torques and requested stops are ordinary; all other interventions deactivate the controllet.
+  // Clamped torques and requested stops are normal; all other interventions deactivate the controllet.
   bool deactivates() const {
     return rule != Intervention::torque_clamped && rule != Intervention::torque_rate_clamped &&
            rule != Intervention::stop_requested;
   }
 };
 
-// Packets of an arm at the other end of a connection.
+// Packets of an arm on the network.
 struct ConnectionReport {
   std::string arm;
   ConnectionStatistics packets;
-  std::uint64_t commands_missed = 0;  // by the arm, as it reports
+  std::uint64_t commands_missed = 0;  // as reported by the arm
 };
 
 // Why a run ended.
@@ -75,15 +75,15 @@ struct RunSummary {
   CycleTimes cycle_us;
   std::vector<SwitchReport> switches;
   std::vector<InterventionReport> interventions;  // per arm and rule
-  std::vector<ConnectionReport> connections;      // of arms that have one
+  std::vector<ConnectionReport> connections;      // of arms on the network
   std::vector<ReflexReport> reflexes;             // arms that stopped themselves
   std::uint64_t records_lost = 0;                 // cycles missing in the log
-  std::vector<std::string> missing;               // human-readable; empty: complete, or no log
+  std::vector<std::string> missing;               // one sentence each; empty: complete, or no log
   std::filesystem::path log;                      // empty: none
   std::filesystem::path report;                   // empty: none
   std::vector<SetupStep> thread;
-  std::vector<std::string> problems;  // other problems, human-readable
-  // Expected interventions as (arm, rule): a demonstration of faults does not fail because of them.
+  std::vector<std::string> problems;  // other problems, one sentence each
+  // Expected interventions as (arm, rule): they do not make a demonstration of faults fail.
   std::vector<std::pair<std::string, Intervention>> expected_interventions;
 
   double rate_hz() const { return elapsed_s > 0 ? static_cast<double>(cycles) / elapsed_s : 0; }

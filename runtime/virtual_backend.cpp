@@ -6,24 +6,25 @@
 #include <unistd.h>
 
 #include "core/rt/pacer.hpp"
+#include "fci/client/end_effector.hpp"
 #include "fci/client/fci_backend.hpp"
 #include "fci/client/from_scene.hpp"
-#include "fci/client/gripper_connection.hpp"
 #include "fci/server/virtual_arms.hpp"
 
 namespace multipanda {
 namespace {
 
-// The arms of the scene; fingers move only if the scene says so.
+// The arms of the scene; fingers move only if the scene requests it.
 Scene as_written(Scene scene) {
   for (SceneArm& arm : scene.arms) {
     arm.fci.reset();
     arm.movable_fingers = arm.movable_fingers.value_or(false);
   }
+  fci::let_rotors_act(scene);
   return scene;
 }
 
-// In lock-step both ends are in this process: a silent one only waits for a processor.
+// In lock-step both ends are in this process: a silent end only waits for a processor.
 constexpr std::chrono::seconds kLockstepPatience{20};
 
 fci::VirtualArmOptions options_of(const Scene& scene, VirtualPace pace) {
@@ -32,14 +33,14 @@ fci::VirtualArmOptions options_of(const Scene& scene, VirtualPace pace) {
   options.places.assign(scene.arms.size(),
                         {.address = "127.0.0.1", .port = 0, .gripper_port = 0, .vacuum_port = 0});
   options.pace = pace == VirtualPace::realtime ? fci::WorldPace::realtime : fci::WorldPace::lockstep;
-  options.strict = true;  // as real arms are, because the client is our own
+  options.strict = true;  // as real arms, because the client is our own
   options.patience = kLockstepPatience;
   options.idle_stands_still = true;  // the arms start in the scene's configuration
   return options;
 }
 
-// While it exists, threads that the calling one starts may run on every core of the process; the calling one
-// itself stays where it was afterwards.
+// During its lifetime, threads started by the calling one may run on every core of the process; afterwards
+// the calling thread keeps its core.
 class OnEveryCore {
  public:
   OnEveryCore() {
@@ -83,9 +84,9 @@ struct VirtualBackend::Implementation {
   const std::function<void(const std::string&)> say;
   fci::VirtualArms world;
   std::unique_ptr<fci::FciBackend> client;
-  std::atomic<const fci::FciBackend*> links{nullptr};  // client, once it is there
-  fci::VirtualWorldView::Snapshot truth;               // of the newest states that were read
-  Pacer pacer;                                         // of a world that waits
+  std::atomic<const fci::FciBackend*> links{nullptr};  // client, once it exists
+  fci::VirtualWorldView::Snapshot truth;               // of the newest states read
+  Pacer pacer;                                         // for a waiting world
 };
 
 VirtualBackend::VirtualBackend(const Scene& scene, VirtualPace pace,
@@ -183,7 +184,7 @@ void VirtualBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
   self_->client->write(due, commands);
 }
 
-// Lost packets, and milliseconds that the world or the loop missed.
+// Lost packets, and milliseconds missed by world or loop.
 std::uint64_t VirtualBackend::overruns() const {
   return (self_->client ? self_->client->overruns() : 0) + self_->world.world_statistics().overruns +
          (self_->pace == VirtualPace::waiting ? self_->pacer.overruns() : 0);

@@ -6,15 +6,15 @@
 
 #include "backends/simulation_view.hpp"
 #include "core/cycle/backend.hpp"
-#include "core/state/connection_statistics.hpp"
+#include "core/state/arm_state.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
 
 // A scene's arms as virtual arms in this process, driven through the control interface over loopback sockets:
 // the world of MujocoBackend behind the whole control interface.
-// Contact wrenches and poses of objects, which no arm reports, are read from the virtual world directly. They
-// belong to the same step as the arms' states.
+// Contact wrenches and object poses, which arms do not report, are read from the virtual world directly, for
+// the same step as the arms' states.
 enum class VirtualPace : std::uint8_t {
   realtime,  // the world follows the wall clock, as real arms do: late commands are lost
   waiting,   // a step every millisecond of the wall clock; the world waits for its commands (lock-step)
@@ -37,7 +37,7 @@ class VirtualBackend : public Backend, public SimulationView {
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
   std::uint64_t overruns() const override;
-  // Requests to the world and SetUserStop go to the virtual arms directly, the others through the connection.
+  // Requests to the world and SetUserStop go to the virtual arms directly, others through the connection.
   std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override;
   std::future<RequestAnswer> request(ArmIndex arm, GripperRequest request) override;
   std::future<RequestAnswer> request(WorldRequest request) override;

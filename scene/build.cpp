@@ -1,12 +1,14 @@
 #include "scene/build.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cstdio>
 #include <stdexcept>
 
+#include "common/machine.hpp"
+#include "common/text.hpp"
 #include "core/plugin/load_plugin.hpp"
 #include "models/arm_source.hpp"
-#include "scene/collision_shapes.hpp"
-#include "support/address.hpp"
 
 namespace multipanda {
 namespace {
@@ -95,6 +97,12 @@ Request request_of(const TimelineEvent& event, const MultimodeController& contro
   return request;
 }
 
+std::string kilograms(double mass) {
+  std::array<char, 32> text;
+  std::snprintf(text.data(), text.size(), "%.4g kg", mass);
+  return text.data();
+}
+
 }  // namespace
 
 Registry build_registry(const std::vector<std::string>& plugins) {
@@ -143,18 +151,9 @@ Pose plant_mount_of(const BaseMount& mount, const RobotDescription& plant) {
   return tilted(mount.X_JB, plant);
 }
 
-double fixed_load(const SceneArm& arm, const RobotDescription& robot) {
-  return arm.tool.mass + (arm.hand && robot.hand ? rigid_hand(*robot.hand).mass : 0);
-}
-
-double largest_payload(const SceneArm& arm, const RobotDescription& robot) {
-  const auto& most = arm.largest_load ? arm.largest_load : robot.rated_payload;
-  return most ? std::max(0.0, *most - fixed_load(arm, robot)) : 0;
-}
-
 namespace {
 
-// Behind a loopback address there is a virtual arm, whose motors are those of its model file.
+// Virtual arms have loopback addresses; their motors are those of the model file.
 bool is_physical(const SceneArm& arm) { return arm.fci && !is_on_this_computer(arm.fci->address); }
 
 JointVector motor_inertia_of(const SceneArm& arm, const RobotDescription& robot) {
@@ -164,6 +163,28 @@ JointVector motor_inertia_of(const SceneArm& arm, const RobotDescription& robot)
   }
   if (robot.motor_inertia.size() > 0) return robot.motor_inertia;
   return joint_constant(robot.joint_count(), kAssumedMotorInertia);
+}
+
+// What the scene says of hand and tool: its tool center point, and the shapes of the tool.
+Vector3 tool_end(const SceneArm& arm, const RobotDescription& robot) {
+  Vector3 end = arm.hand && robot.hand ? (robot.hand->mount.pose() * robot.hand->tcp.pose()).position
+                                       : Vector3(Vector3::Zero());
+  const auto take = [&end](const Vector3& p) {
+    if (p.squaredNorm() > end.squaredNorm()) end = p;
+  };
+  for (const auto& [shape, size, X_FS, place] : arm.tool_shapes) {
+    if (shape == ShapeType::sphere) {
+      const double from = X_FS.position.norm();
+      const Vector3 outwards = from > 0 ? Vector3(X_FS.position / from) : Vector3(Vector3::UnitZ());
+      take(X_FS.position + 0.5 * size.x() * outwards);
+      continue;
+    }
+    for (int corner = 0; corner < 8; ++corner) {
+      const Vector3 side(corner & 1 ? 0.5 : -0.5, corner & 2 ? 0.5 : -0.5, corner & 4 ? 0.5 : -0.5);
+      take(X_FS * Vector3(side.cwiseProduct(size)));
+    }
+  }
+  return end;
 }
 
 ArmModelSource model_source(const SceneArm& arm) {
@@ -179,7 +200,9 @@ ArmModelSource model_source(const SceneArm& arm) {
     source.known_friction = JointFrictionTable{robot.friction->p1, robot.friction->p2, robot.friction->p3};
   }
   source.tool = arm.tool;
-  source.largest_load = largest_payload(arm, robot);
+  source.tool_end = tool_end(arm, robot);
+  source.largest_load = flange_load(arm, robot).payload();
+  source.farthest_end_effector = arm.farthest_end_effector;
   source.motor_inertia = motor_inertia_of(arm, robot);
   return source;
 }
@@ -193,7 +216,7 @@ std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
 std::shared_ptr<const ArmModel> build_controller_model(const SceneArm& arm) {
   ArmModelSource source = model_source(arm);
   if (arm.known_rotor_inertia) {
-    // How much a simulation hides says nothing of a real arm: there only what was identified of it counts.
+    // The hidden share is a property of the simulation: for a real arm only identified inertia counts.
     const RobotDescription robot = robot_of(arm);
     source.known_motor_inertia =
         is_physical(arm) ? robot.motor_inertia : acting_motor_inertia(robot, arm.rotor_hidden);
@@ -230,13 +253,13 @@ CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) 
   for (const auto& arm : scene.arms)
     config.arms.push_back({arm.name, build_controller_model(arm), arm.safety, arm.mount});
   config.controllets = scene.controllets;
-  for (ArmIndex arm = 0; arm < scene.arms.size(); ++arm) {  // a hold that the scene does not change
+  for (ArmIndex arm = 0; arm < scene.arms.size(); ++arm) {  // holds that the scene does not declare
     InstanceConfig hold{.name = scene.arms[arm].name + "_hold", .type = "hold", .arms = {arm}};
     const bool changed = std::any_of(scene.controllets.begin(), scene.controllets.end(),
                                      [&](const auto& own) { return own.name == hold.name; });
     if (!changed) config.controllets.push_back(std::move(hold));
   }
-  // Every controllet keeps to the scene's bounds, also one that was added after the scene was read.
+  // Every controllet respects the scene's bounds, also one that is added later.
   for (auto& controllet : config.controllets)
     controllet.contact = tighter(controllet.contact, scene.contact_bounds);
   config.obstacles = fixed_obstacles(scene);
@@ -244,8 +267,10 @@ CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) 
   return config;
 }
 
-std::vector<ScheduledRequest> build_schedule(const Scene& scene, const MultimodeController& controller) {
+std::vector<ScheduledRequest> build_schedule(const Scene& scene, MultimodeController& controller) {
   std::vector<ScheduledRequest> schedule;
+  for (ArmIndex arm = 0; arm < scene.arms.size() && !scene.timeline.empty(); ++arm)
+    controller.set_end_effector(arm, arm_config(scene.arms[arm]).frames.X_FE);
   for (const auto& event : scene.timeline) {
     if (event.what == TimelineEvent::What::place) continue;  // carried out by the simulation
     ScheduledRequest scheduled;
@@ -255,11 +280,12 @@ std::vector<ScheduledRequest> build_schedule(const Scene& scene, const Multimode
       scheduled.stop = find_arms(controller, event.arms);
     } else {
       scheduled.request = request_of(event, controller);
-      // The scene was checked against the registry; this catches a controller built from something else.
       const Verdict verdict = controller.check(scheduled.request);
       if (verdict != Verdict::accepted) {
-        throw std::invalid_argument(event.place.file + ":" + std::to_string(event.place.line) +
-                                    ": this event is refused: " + std::string(to_string(verdict)));
+        std::string why = controller.refusal(scheduled.request);
+        why = why.empty() ? std::string(to_string(verdict))
+                          : "'" + event.controllet + "', input '" + event.name + "': " + why;
+        throw ConfigError(event.place, "the event at " + number_text(event.at_s) + " s is refused: " + why);
       }
     }
     schedule.push_back(scheduled);
@@ -269,6 +295,91 @@ std::vector<ScheduledRequest> build_schedule(const Scene& scene, const Multimode
 
 InstanceSet start_set(const Scene& scene, const MultimodeController& controller) {
   return find_all(controller, scene.active);
+}
+
+const SceneArm* carried_arm(const Scene& scene) {
+  const auto found = std::find_if(scene.arms.begin(), scene.arms.end(),
+                                  [](const SceneArm& arm) { return arm.mount.has_value(); });
+  return found == scene.arms.end() ? nullptr : &*found;
+}
+
+void refuse_carried_arms(const Scene& scene, const std::string& what) {
+  const SceneArm* arm = carried_arm(scene);
+  if (arm == nullptr) return;
+  SourcePlace place = arm->mount_place;
+  if (place.file.empty()) place.file = scene.path.empty() ? scene.name : scene.path;
+  throw CarriedArmRefused(
+      place, "arm '" + arm->name + "' stands on arm '" + scene.arms.at(arm->mount->carrier).name +
+                 "': " + what +
+                 " cannot place a moving base; run it with `multipanda run` on the simulation "
+                 "(backend mujoco)");
+}
+
+ConvexShape convex_shape(ShapeType shape, const Vector3& size) {
+  switch (shape) {
+    case ShapeType::plane:
+      return ConvexShape::half_space();
+    case ShapeType::sphere:
+      return ConvexShape::sphere(Vector3::Zero(), 0.5 * size.x());
+    case ShapeType::cylinder:
+      return ConvexShape::cylinder(0.5 * size.x(), size.z());
+    case ShapeType::capsule: {
+      const Vector3 end(0, 0, 0.5 * size.z());  // half of the straight part
+      return ConvexShape::capsule(-end, end, 0.5 * size.x());
+    }
+    case ShapeType::box:
+      break;
+  }
+  return ConvexShape::box(size);
+}
+
+void add_tool_shapes(const std::vector<ToolShape>& tool, const Pose& X_JF, ArmModelSource& source) {
+  auto& parts = source.collision_shapes;
+  // The last joint of the arm, even if no shape moves with it.
+  const int last = static_cast<int>(source.limits.q_min.size()) - 1;
+  const std::size_t others = parts.size();
+  for (std::size_t i = 0; i < tool.size(); ++i) {
+    parts.push_back(
+        {"tool " + std::to_string(i), last, convex_shape(tool[i].shape, tool[i].size), X_JF * tool[i].X_FS});
+    for (std::size_t k = 0; k < others; ++k) {
+      if (parts[k].joint < last - 1) source.self_pairs.emplace_back(k, parts.size() - 1);
+    }
+  }
+}
+
+std::vector<Obstacle> fixed_obstacles(const Scene& scene) {
+  std::vector<Obstacle> obstacles;
+  for (const auto& object : scene.objects) {
+    if (!object.fixed) continue;
+    const bool is_placed = std::ranges::any_of(scene.timeline, [&](const TimelineEvent& event) {
+      return event.what == TimelineEvent::What::place && event.object == object.name;
+    });
+    obstacles.push_back({object.name, convex_shape(object.shape, object.size), object.X_WO, is_placed});
+  }
+  return obstacles;
+}
+
+FlangeLoad flange_load(const SceneArm& arm, const RobotDescription& robot) {
+  return {.hand_and_tool = arm.tool.mass + (arm.hand && robot.hand ? rigid_hand(*robot.hand).mass : 0),
+          .rated = robot.rated_payload,
+          .allowed = arm.largest_load};
+}
+
+std::string load_text(const FlangeLoad& flange, double payload) {
+  const double carried = flange.hand_and_tool + payload;
+  std::string text = "a payload of " + kilograms(payload) + " is declared: ";
+  if (flange.hand_and_tool > 0) text += "with hand and tool (" + kilograms(flange.hand_and_tool) + ") ";
+  text += "the flange carries " + kilograms(carried);
+  if (!flange.most()) return text + "; the model has no rating";
+  text += " of the " + kilograms(*flange.most()) + " that ";
+  if (flange.allowed) {
+    text += "the scene allows (";
+    text += flange.rated ? "the model is rated for " + kilograms(*flange.rated) : "the model has no rating";
+    text += ")";
+  } else {
+    text += "the model is rated for";
+  }
+  return text + ", " + kilograms(*flange.most() - carried) + " remain";
 }
 
 }  // namespace multipanda

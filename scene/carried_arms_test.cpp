@@ -1,6 +1,4 @@
 // Arms that stand on another arm: what a scene says of them, what it is refused for, where they start.
-#include "scene/carried_arms.hpp"
-
 #include <filesystem>
 #include <fstream>
 #include <unistd.h>
@@ -186,7 +184,7 @@ INSTANTIATE_TEST_SUITE_P(
         Refusal{"inside its carrier",
                 carrier() + carried(on_left("1", "position_m: [0, 0, -0.4]")),
                 3,
-                {"stands inside arm 'left'"}},
+                {"is inside arm 'left'"}},
         Refusal{"a pitch joint below the base",
                 carrier() + carried(on_left("2")),
                 3,

@@ -9,22 +9,22 @@
 
 #include "scene/scene.hpp"
 
-// A scene given by flat parameters, as those of ROS 2: "controllets.left_pose.type",
-// "arms.left.base.position_m". The dots of a parameter are the nesting of the scene; lists of mappings are
-// mappings of names, as in scene files.
+// A scene from flat parameters, such as those of ROS 2: "controllets.left_pose.type",
+// "arms.left.base.position_m". Dots stand for nesting; lists of mappings become mappings by name, as in
+// scene files.
 namespace multipanda {
 
 using ParameterValue = std::variant<bool, std::int64_t, double, std::string, std::vector<bool>,
                                     std::vector<std::int64_t>, std::vector<double>, std::vector<std::string>>;
 using FlatParameters = std::vector<std::pair<std::string, ParameterValue>>;
 
-// What the host of a control cycle must know of an arm in addition to the keys of the scene; written under
-// `arms.<name>`, too.
+// Properties of an arm that the host of a control cycle needs in addition to the scene; also under
+// `arms.<name>`.
 struct HostedArm {
   enum class Gravity : std::uint8_t {
     unspecified,  // the hardware must report it; refused otherwise
-    robot,        // holds itself against gravity: torques exclude it
-    cycle         // the cycle adds it to its torques
+    robot,        // the arm compensates it: torques exclude gravity
+    cycle         // the cycle adds it to the torques
   };
   std::string name;
   std::vector<std::string> joints;         // names in the interfaces; empty: <name>_joint1, ...

@@ -43,12 +43,6 @@ class Draw {
   std::mt19937_64 random_;
 };
 
-// The inverse of Placement::pose().
-Vector3 rpy_of(const Matrix3& R) {
-  return {std::atan2(R(2, 1), R(2, 2)), std::atan2(-R(2, 0), std::hypot(R(2, 1), R(2, 2))),
-          std::atan2(R(1, 0), R(0, 0))};
-}
-
 RigidBody drawn_link(const RigidBody& nominal, Draw& draw) {
   for (;;) {
     const double factor = draw.between(1 - kMass, 1 + kMass);
@@ -81,14 +75,14 @@ RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_
   robot.actuation = actuation;
   robot.torque_sensor = TorqueSensor{.gain = {}, .offset = {}, .noise = kTorqueNoise};
 
-  // Hand, tool and its shapes move with the flange, away from their poses in the models.
+  // Hand, tool and tool shapes move with the flange, away from their nominal poses.
   const Vector3 shift = draw.each_within(kToolShift), axis = draw.inside_ball(1).normalized();
   const Eigen::AngleAxisd turn(draw.between(-kToolTurn, kToolTurn), axis);
   const Pose X_LF = nominal.flange.pose();
   robot.flange.position = X_LF.position + X_LF.rotation * shift;
   robot.flange.rpy = rpy_of(X_LF.rotation * turn.toRotationMatrix());
 
-  // After all others, so that a seed draws these as it did before.
+  // Drawn last, so that older draws keep their values for a given seed.
   for (double& inertia : robot.rotor_inertia) inertia *= draw.between(1 - kRotor, 1 + kRotor);
   Transmission transmission = transmission_of(means, nominal.joint_count());
   for (JointVector* part : {&transmission.stiffness, &transmission.ripple}) {
@@ -102,8 +96,7 @@ RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_
 void hide(Scene& scene, std::uint64_t seed) {
   const PlantFidelity given = scene.plant;
   scene.plant = PlantFidelity::realistic();
-  // With the seed of the scene the noise would equal that of the simulation in comparisons, sample by sample,
-  // and cancel.
+  // With the seed of the scene the noise would equal that of the simulation and cancel in comparisons.
   scene.seed ^= 0x9E3779B97F4A7C15u * (seed + 1);
   scene.plant.stiction_nm = given.stiction_nm;
   scene.plant.rotor_hidden = given.rotor_hidden;

@@ -6,7 +6,7 @@
 #include "scene/scene.hpp"
 
 // Arms that differ from their models by a hidden random draw, for blind tests of identification from logs. A
-// test checks that only the program of virtual arms and tests include this file.
+// test checks that only virtual arms and tests include this file.
 namespace multipanda {
 
 // One arm, drawn about `nominal`, every draw uniform and independent:
@@ -30,8 +30,8 @@ RobotDescription draw_hidden_plant(const RobotDescription& nominal, std::uint64_
                                    const PlantFidelity& means = {});
 
 // Replaces every simulated arm of the scene by such an arm; other noise is as in PlantFidelity::realistic(),
-// drawn from another seed than the scene's own. The models of controllers and arm firmware, and the scene's
-// text, stay unchanged. Throws std::invalid_argument: a model that cannot be read.
+// with a seed different from the scene's. The models of controllers and arm firmware, and the scene's text,
+// stay unchanged. Throws std::invalid_argument: a model that cannot be read.
 void hide(Scene& scene, std::uint64_t seed);
 
 }  // namespace multipanda

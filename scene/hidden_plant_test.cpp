@@ -140,13 +140,14 @@ TEST(HiddenPlants, DependOnArmAndSeedOnly) {
 
 // Identification must not be able to draw plants: only virtual arms, studies, learning and tests do.
 TEST(HiddenPlants, AreNotIncludedByIdentification) {
-  const std::set<std::string> allowed{"scene/hidden_plant.cpp", "cli/virtual_arm.cpp", "study/scene_run.cpp",
-                                      "native/controlled_world.cpp"};
+  const std::set<std::string> allowed{"scene/hidden_plant.cpp", "cli/virtual_arm.cpp",
+                                      "experiments/study/scene_run.cpp",
+                                      "python_bindings/controlled_world.cpp"};
   const fs::path root = MULTIPANDA_SOURCE_DIR;
   int found = 0;
   for (const char* folder :
-       {"backends", "cli", "core", "device", "doctor", "experiments", "fci", "logs", "models",
-        "motion_generators", "native", "report", "ros", "runtime", "scene", "study", "support", "sysid"}) {
+       {"arm_interface", "backends", "cli", "common", "core", "doctor", "experiments", "fci", "logs",
+        "models", "motion_generators", "python_bindings", "report", "ros", "runtime", "scene", "sysid"}) {
     for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
       const std::string name = entry.path().lexically_relative(root).generic_string();
       if (!name.ends_with(".cpp") && !name.ends_with(".hpp")) continue;

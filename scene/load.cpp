@@ -5,12 +5,11 @@
 #include <fstream>
 #include <sstream>
 
-#include "config_file/text.hpp"
+#include "common/own_files.hpp"
+#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "scene/build.hpp"
-#include "scene/carried_arms.hpp"
 #include "scene/load_parts.hpp"
-#include "support/own_files.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -145,8 +144,7 @@ void visit(Archive& archive, SceneReader& reader) {
   archive.section(Key("plant", "Simulation fidelity."), scene.plant, scene);
   archive(Key("backend",
               "What drives the arms: `mujoco`, `fci`, `virtual`, `pinocchio`, or a backend of a library in "
-              "`plugins`. "
-              "Default: arms with the key `fci` are real, the others simulated."),
+              "`plugins`. Default: arms with the key `fci` are real, the others simulated."),
           scene.backend);
   for (const auto& item : archive.names(Key(
            "plugins", "Libraries with your own controllets, features and backends, relative to this file.")))

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "core/modes/registry.hpp"
-#include "scene/additions.hpp"
+#include "scene/rewrite.hpp"
 #include "scene/scene.hpp"
 
 // Scene files, read and checked (docs/scene_reference.md). Off the loop only. Everything here throws
@@ -24,7 +24,7 @@ struct OpenedScene {
   Registry registry;  // multipanda's own and the plugins' controllets and features
   Scene scene;
 };
-// With additions the scene must be valid without them, too; its text then has them.
+// The scene must also be valid without the additions; its text contains them.
 OpenedScene open_scene(const std::string& path_or_bare_name, const SceneAdditions& additions = {});
 
 // Paths of the libraries that a scene names. Other keys are not checked.
@@ -34,5 +34,11 @@ std::vector<std::string> scene_plugins(const std::string& text, const std::strin
 std::vector<std::string> available_scenes();
 // Folder that holds them.
 std::string scenes_folder();
+
+// docs/scene_reference.md: every key of a scene file and every controllet and feature that it can name,
+// written from the code that reads scenes and from the controllets' own descriptors.
+std::string scene_reference_markdown(const Registry& registry);
+// config/schemas/scene.json: the same as JSON Schema, for editors.
+std::string scene_json_schema(const Registry& registry);
 
 }  // namespace multipanda

@@ -3,13 +3,13 @@
 
 #include <Eigen/Eigenvalues>
 
-#include "config_file/text.hpp"
+#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "core/model/prismatic_joints.hpp"
 #include "models/arm_source.hpp"
 #include "models/load_parts.hpp"
 #include "scene/build.hpp"
 #include "scene/load_parts.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -27,7 +27,7 @@ void check_inertia(const Archive& archive, const Matrix3& I) {
   }
 }
 
-// The robot that `key` names; `name` becomes a name that load_robot finds from any working directory.
+// The robot named by `key`; `name` becomes a name that load_robot finds from any working directory.
 RobotDescription read_robot(const Node& node, std::string& name) {
   const bool path = name.find('/') != std::string::npos || name.ends_with(".yaml");
   if (path) {
@@ -84,7 +84,7 @@ void check_start(const Archive& archive, const RobotDescription& robot, const Sc
   }
 }
 
-// One limit of the safety section. `sign` +1: the smaller is the tighter; -1: the larger is.
+// One limit of the safety section. `sign`: +1 if smaller values are tighter, -1 if larger ones are.
 void visit_limit(Archive& archive, Key key, double sign, JointVector& limit, bool loosen, SceneArm& arm) {
   key.joints(static_cast<std::size_t>(limit.size())).or_one();
   std::optional<JointVector> requested;
@@ -137,13 +137,12 @@ void check_load(const Archive& archive, const RobotDescription& robot, SceneArm&
         "largest_load_kg: " + number_text(*arm.largest_load) + " kg, " +
         (rated ? "the model is rated for " + number_text(*rated) + " kg" : "the model has no rating"));
   }
-  const double payload = arm.load_declared.mass, fixed = fixed_load(arm, robot);
+  const double payload = arm.load_declared.mass, fixed = flange_load(arm, robot).hand_and_tool;
   const auto most = arm.largest_load ? arm.largest_load : rated;
   if (!most && payload > 0) {
     archive.at("load_declared")
-        .refuse(
-            "the model " + in_quotes(robot.name) +
-            " has no 'rated_payload_kg': what it can carry is not known; add 'largest_load_kg' to this arm");
+        .refuse("the model " + in_quotes(robot.name) +
+                " has no 'rated_payload_kg': its largest load is unknown; add 'largest_load_kg' to this arm");
   }
   if (!most || payload + arm.tool.mass == 0 || fixed + payload <= *most) return;
   archive.at(archive.has("load_declared") ? "load_declared" : "tool")
@@ -153,13 +152,27 @@ void check_load(const Archive& archive, const RobotDescription& robot, SceneArm&
               number_text(std::ceil(fixed + payload)) + "' in this arm");
 }
 
+void check_end_effector(const Archive& archive, SceneArm& arm) {
+  if (arm.farthest_end_effector > kFarthestEndEffector) {
+    arm.loosened.push_back("farthest_end_effector_m: " + number_text(arm.farthest_end_effector) +
+                           " m, usually " + number_text(kFarthestEndEffector) + " m");
+  }
+  const double far = arm.X_FE ? arm.X_FE->position.norm() : 0;
+  if (far <= arm.farthest_end_effector) return;
+  archive.at("end_effector")
+      .refuse("it is " + number_text(far) + " m from the flange, expected at most " +
+              number_text(arm.farthest_end_effector) +
+              " m; if the tool is that long, write 'farthest_end_effector_m: " +
+              number_text(std::ceil(10 * far) / 10) + "' in this arm");
+}
+
 // After the safety section: what it leaves of the force counts.
 void check_axes(const Archive& archive, const RobotDescription& robot, const SceneArm& arm) {
   if (!robot.has_prismatic_joints()) return;
   ArmModelSource source = arm_model_source(robot, arm.X_WB, arm.hand);
   source.name = arm.name;
   source.tool = arm.tool;
-  source.largest_load = largest_payload(arm, robot);
+  source.largest_load = flange_load(arm, robot).payload();
   const std::string why = weight_on_an_axis(ArmModel(std::move(source)), arm.safety.joints.tau_max);
   if (!why.empty()) archive.at("model").refuse(why);
 }
@@ -220,11 +233,16 @@ void visit(Archive& archive, SafetyLimits& safety, SceneArm& arm) {
               joints.q_max, loosen, arm);
   std::optional<Vector3> low, high;
   archive(Key("workspace_min_m",
-              "Lower corner, in the world, of a box that the end effector must not leave. Requires "
+              "Lower corner, in the world, of a box that end effector, flange, tool center point and tool "
+              "shapes (by their farthest corner) must not leave. Requires "
               "`workspace_max_m`.")
               .within(-kFarthest, kFarthest),
           low);
-  archive(Key("workspace_max_m", "Upper corner of that box.").within(-kFarthest, kFarthest), high);
+  archive(Key("workspace_max_m",
+              "Upper corner of that box. An arm whose law is refused beyond it is led back by hand, or may "
+              "start after a stop and resume.")
+              .within(-kFarthest, kFarthest),
+          high);
   const double usual_age = safety.max_state_age_s;
   archive(Key("max_state_age_s",
               "An arm whose state is older goes to hold, with the other arms of its controllet. For an arm "
@@ -267,9 +285,8 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
     }
   }
   archive(Key("model",
-              "A robot of models/ (`fer`, `fer_maker`, `fr3`, `fr3v2`), or the path of a model file, "
-              "relative to this "
-              "file.")
+              "A robot of models/ (`fer`, `fr3`, `fr3v2`), or the path of a model file, "
+              "relative to this file.")
               .like(available_robots()),
           arm.model);
   std::optional<RobotDescription> robot;
@@ -312,6 +329,13 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
                       "X_FE (Franka's F_T_EE): end effector in the flange. Default: the tool center point of "
                       "the hand; without a hand, the flange."),
                   arm.X_FE);
+  archive(
+      Key("farthest_end_effector_m",
+          "Distance from the flange within which this scene and requests may set the end effector. More than "
+          "the default is shown and logged.")
+          .within(0, 10),
+      arm.farthest_end_effector);
+  if (archive.reading()) check_end_effector(archive, arm);
   archive.section(Key("stiffness_frame", "X_EK (Franka's EE_T_K): stiffness frame in the end effector."),
                   arm.X_EK);
   archive.section(Key("tool",
@@ -344,12 +368,11 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
     archive.at("known_friction")
         .refuse("the model " + in_quotes(robot->name) + " has no friction table; write 'none'");
   }
-  if (archive.reading()) arm.rotor_hidden = reader.scene.plant.rotor_hidden;
+  if (archive.reading()) arm.rotor_hidden = reader.scene.plant.rotor_hidden.value_or(1);
   std::string rotors = "none";
   archive(Key("known_rotor_inertia",
               "`model`: the mass matrix of the controllers contains the motors' inertia that acts by their "
-              "model, "
-              "`motor_inertia_kg_m2` or what `rotor_inertia_hidden` leaves of `rotor_inertia_kg_m2`.")
+              "model, `motor_inertia_kg_m2` or what `rotor_inertia_hidden` leaves of `rotor_inertia_kg_m2`.")
               .one_of({"none", "model"}),
           rotors);
   arm.known_rotor_inertia = rotors == "model";
@@ -362,6 +385,7 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   if (robot) {
     const JointLimits& own = robot->limits;
     arm.unguarded = robot->unguarded_pairs;
+    arm.left_out_friction = robot->left_out_friction;
     arm.safety.joints = {own.q_min,
                          own.q_max,
                          own.dq_max,
@@ -387,8 +411,7 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   const RobotDescription& description = robot ? *robot : RobotDescription{};
   archive.section(Key("collision",
                       "Thresholds of contact and reflex, set on the arm at the start. Default: 80 N, 25 N m "
-                      "and 40 N m or "
-                      "less per joint, on real arms; see `keep_collision_thresholds`."),
+                      "and 40 N m or less per joint, on real arms; see `keep_collision_thresholds`."),
                   arm.collision, description);
   archive(
       Key("joint_stiffness_nm_per_rad",

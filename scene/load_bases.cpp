@@ -1,34 +1,34 @@
 #include <cmath>
 #include <memory>
 
-#include "config_file/text.hpp"
+#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/types/capacity.hpp"
 #include "models/arm_source.hpp"
 #include "scene/load_parts.hpp"
-#include "support/spelling.hpp"
 
-// Where the arms of a scene stand: in the world, or on another arm.
+// Bases of a scene's arms: in the world, or on another arm.
 namespace multipanda {
 namespace {
 
 // Two arms of one robot may share their base (its torso), but not the place of their first joints.
 void check_distance(const Archive& archive, const RobotDescription& robot, const SceneReader& reader,
                     const SceneArm& arm) {
-  constexpr double kNearest = 0.1;  // [m] between bases that do not collide
+  constexpr double kNearest = 0.1;  // smallest distance of bases that do not collide [m]
   const auto near = [](const Vector3& a, const Vector3& b) { return (a - b).norm() < kNearest; };
   const std::string key = arm.mount ? "base_on" : "base";
   for (std::size_t i = 0; i < reader.scene.arms.size(); ++i) {
     const SceneArm& other = reader.scene.arms[i];
     if (near(other.X_WB.position, arm.X_WB.position) &&
         near(other.X_WB * reader.robots[i].joints[0].position, arm.X_WB * robot.joints[0].position)) {
-      archive.at(key).refuse("stands inside arm '" + other.name + "'; expected bases at least " +
+      archive.at(key).refuse("is inside arm '" + other.name + "'; expected bases at least " +
                              number_text(kNearest) + " m apart (" + key + ": {position_m: [x, y, z]})");
     }
   }
 }
 
-// The arm that `name` names; only arms that come earlier in the file are known.
+// The arm with this name; only arms earlier in the file are known.
 ArmIndex carrier_of(const Node& name, const SceneReader& reader, const SceneArm& arm) {
   const std::string& requested = name.yaml().Scalar();
   if (requested == arm.name) name.refuse("an arm cannot stand on itself; expected the name of another arm");
@@ -63,8 +63,8 @@ void check_carrier(const Node& name, const SceneReader& reader, const BaseMount&
   }
 }
 
-// Where the carrier has the base at the start. Refuses a carrier whose joints would turn the base against
-// gravity, as the loop would.
+// Initial pose of the base on its carrier. Refuses a carrier whose joints would tilt the base, as the
+// loop would.
 Pose base_at_start(const Node& joint, const SceneReader& reader, const BaseMount& mount) {
   const SceneArm& carrier = reader.scene.arms[mount.carrier];
   ArmModelSource source = arm_model_source(reader.robots[mount.carrier], carrier.X_WB, carrier.hand);

@@ -2,11 +2,11 @@
 #include <set>
 #include <utility>
 
-#include "config_file/text.hpp"
+#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "core/controllets/prismatic_parameters.hpp"
-#include "core/features/friction_compensation.hpp"
+#include "core/features/builtins.hpp"
 #include "scene/load_parts.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -51,7 +51,7 @@ std::vector<std::string> preset_names(const ControlletDescriptor& descriptor) {
   return names;
 }
 
-// The values of a preset, except those that the scene gives itself.
+// Values of a preset, except those that the scene sets itself.
 void read_preset(const Node& node, const ControlletDescriptor& descriptor, const std::string& prefix,
                  const SceneReader& reader, InstanceConfig& config) {
   const std::string name = node.yaml().IsScalar() ? node.yaml().Scalar() : "";
@@ -67,10 +67,9 @@ void read_preset(const Node& node, const ControlletDescriptor& descriptor, const
     const ParameterSpec& spec = *find_spec(descriptor, value.parameter);
     const std::size_t count = spec.size == ParameterSpec::kPerJoint ? reader.joint_count(config) : spec.size;
     if (spec.size == ParameterSpec::kPerJoint && reader.robots[config.arms[0]].has_prismatic_joints()) {
-      node.refuse(
-          "the preset " + in_quotes(name) + " gives '" + value.parameter +
-          "' for revolute joints, found an arm with a prismatic one, whose unit is another; write the "
-          "preset's values as parameters, with those of the axis");
+      node.refuse("the preset " + in_quotes(name) + " gives '" + value.parameter +
+                  "' for revolute joints, but the arm has a prismatic one with another unit; write the "
+                  "preset's values as parameters, with suitable ones for that joint");
     }
     std::vector<double> values = value.values;
     if (values.size() > 1 && values.size() < count) {
@@ -97,7 +96,7 @@ void read_feature_parameters(const FeatureType& feature, const Node& values, Sce
   }
 }
 
-// Presets last, so that what the scene gives itself wins, wherever it stands.
+// Presets last, so that explicit values win regardless of their place in the scene.
 void read_presets(const Node& values, const SceneReader& reader, InstanceConfig& config) {
   for (const auto& [name, value] : values.pairs()) {
     if (name == "preset")
@@ -129,7 +128,7 @@ void read_parameters(const Node& values, SceneReader& reader, InstanceConfig& co
   read_presets(values, reader, config);
 }
 
-// Presets, and options with which a law does more than its usual form dares beside a person.
+// Presets and options that give up a law's usual safeguards beside a person.
 void note_options(const Node& values, const InstanceConfig& config, Scene& scene) {
   struct Option {
     const char *name, *text;
@@ -158,7 +157,7 @@ InputSpec overridden(const Node& node, const InputSpec& own) {
   return input;
 }
 
-// Speeds that a scene names and does not get are told.
+// Reports requested speeds that are lowered.
 void note_lowered_speed(const Node& node, const InputSpec& input, const InstanceConfig& config,
                         Scene& scene) {
   const double most = scene.contact_bounds.hand_speed;
@@ -175,12 +174,8 @@ void read_inputs(const Node& inputs, const ControlletDescriptor& descriptor, Sce
   for (const auto& [name, value] : inputs.pairs()) {
     const auto own = std::find_if(descriptor.inputs.begin(), descriptor.inputs.end(),
                                   [&, &sought = name](const auto& input) { return input.name == sought; });
-    if (own == descriptor.inputs.end()) {
-      std::vector<std::string> valid;
-      for (const auto& input : descriptor.inputs) valid.push_back(input.name);
-      value.refuse("'" + config.type + "' has no input " + in_quotes(name) +
-                   name_hint(name, valid, "it has none"));
-    }
+    if (own == descriptor.inputs.end())
+      value.refuse(has_no(config.type, "input", name, names_in(descriptor.inputs)));
     config.inputs.push_back(own->quantity == Quantity::pose     ? overridden<PoseInput>(value, *own)
                             : own->quantity == Quantity::joints ? overridden<JointsInput>(value, *own)
                                                                 : overridden<OtherInput>(value, *own));
@@ -241,7 +236,7 @@ void check_features(const std::vector<Node>& names, const SceneReader& reader, I
   }
 }
 
-// A scene may give an arm's built-in hold parameters and features by declaring it.
+// A scene may declare an arm's built-in hold to give it parameters and features.
 void replace_hold(const Archive& archive, const InstanceConfig& config, SceneReader& reader) {
   const auto hold = std::find_if(reader.holds.begin(), reader.holds.end(),
                                  [&](const auto& candidate) { return candidate.name == config.name; });
@@ -282,7 +277,8 @@ const ParameterSpec& find_parameter(const SceneReader& reader, const InstanceCon
     std::vector<std::string> valid = parameter_names(descriptor);
     const auto features = feature_names(reader.registry);
     if (nearest_name(name, valid).empty() && same_quantity(name, valid).empty()) {
-      valid.insert(valid.end(), features.begin(), features.end());  // perhaps a feature's mapping was meant
+      valid.insert(valid.end(), features.begin(), features.end());  // a mapping of a feature may have been
+                                                                    // meant
     }
     refuse_parameter(at, "'" + instance.type + "'", name, valid);
   }
@@ -449,7 +445,7 @@ void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
   places[config.name] = archive.self().place();
 }
 
-// A follower that touches its leader pushes what leads it, and nothing ends that.
+// A follower that touches its leader may push it on without end.
 void note_near_leaders(Scene& scene) {
   constexpr double kBothReach = 2;  // two Franka arms with hands and tools [m]
   for (const auto& config : scene.controllets) {

@@ -3,7 +3,7 @@
 #include <cctype>
 #include <cstdlib>
 
-#include "config_file/text.hpp"
+#include "common/text.hpp"
 #include "scene/load_parts.hpp"
 
 namespace multipanda {
@@ -99,20 +99,17 @@ void visit(Archive& archive, FciConnection& fci, SceneReader& reader) {
                 "way.");
   archive(Key("address", "IPv4 address or host name. `fci: 172.16.0.2` is the short form."), fci.address);
   std::string version = "auto";
-  archive(Key("version", "Version of the control interface; `auto`: the version of the arm.")
-              .one_of({"auto", "4", "5", "6", "7", "8", "9", "10"}),
-          version);
+  archive(
+      Key("version",
+          "Version of the control interface, also of the arm's virtual arm; `auto`: the version of the arm.")
+          .one_of({"auto", "4", "5", "6", "7", "8", "9", "10"}),
+      version);
   fci.version = version == "auto" ? 0 : std::atoi(version.c_str());
   archive(Key("gripper", "Connect to the gripper of the hand. The arm also runs without one."), fci.gripper);
   archive(Key("vacuum", "Connect to a vacuum gripper."), fci.vacuum);
   archive(
       Key("low_pass_hz", "Cutoff frequency of a low-pass on the commanded torques; 0: none.").within(0, 1000),
       fci.low_pass_hz);
-  archive(Key("rate_limit",
-              "Without effect, accepted for one release: the safety stage keeps the rate that the arm "
-              "allows, counted "
-              "from the torque in use."),
-          fci.rate_limit);
   archive(
       Key("check_model",
           "Before the start, compare the robot model that the arm provides, if any, with the scene's model."),

@@ -2,9 +2,9 @@
 #include <array>
 #include <cmath>
 
-#include "config_file/text.hpp"
+#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "scene/load_parts.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -52,12 +52,10 @@ void visit_shape(Archive& archive, ShapeType& type, Vector3& size, const std::ve
 void visit(Archive& archive, PlantFidelity& plant, Scene& scene) {
   archive.about(
       "Plant",
-      "Simulation fidelity: a named set of values. Individual values may be changed. `ideal`: rigid "
-      "bodies and "
-      "perfect torques. `realistic`: joint friction of the robot model, torque tracking with a bandwidth of "
-      "50 Hz, a command delay of 1 ms, sensor noise. `fr3` has no friction values of its own and uses those "
-      "of "
-      "the Panda. The defaults below are those of `ideal`.");
+      "Simulation fidelity: a named set of values. Individual values may be changed. `ideal`: rigid bodies "
+      "and perfect torques. `realistic`: joint friction of the robot model, torque tracking with a bandwidth "
+      "of 50 Hz, a command delay of 1 ms, sensor noise. `fr3` has no friction values of its own and uses "
+      "those of the Panda. The defaults below are those of `ideal`.");
   archive(Key("fidelity", "The named set.").one_of({"ideal", "realistic"}), plant.name);
   if (plant.name == "realistic") plant = PlantFidelity::realistic();
   archive(Key("substeps", "Physics steps per control period of 1 ms.").within(1, 100), scene.substeps);
@@ -75,13 +73,12 @@ void visit(Archive& archive, PlantFidelity& plant, Scene& scene) {
   noise("noise_tau_nm", plant.noise_tau_nm, "joint torques");
   archive(Key("stiction_nm", "Dry friction of every joint, unknown to the controllers.").within(0, 5),
           plant.stiction_nm);
-  archive(
-      Key("rotor_inertia_hidden",
-          "How much of the rotors' inertia the arms' own torque loops hide. 1: the links move as if the "
-          "motors "
-          "had none; 0: all of it acts, as armature. A model with `motor_inertia_kg_m2` shows that instead.")
-          .within(0, 1),
-      plant.rotor_hidden);
+  archive(Key("rotor_inertia_hidden",
+              "How much of the rotors' inertia the arms' own torque loops hide. 1: the links move as if the "
+              "motors had none; 0: all of it acts, as armature. Default: 1 in simulation, 0 of virtual arms. "
+              "A model with `motor_inertia_kg_m2` shows that instead.")
+              .within(0, 1),
+          plant.rotor_hidden);
   archive(Key("transmission_stiffness_nm_per_rad",
               "Every joint is elastic and measured at its motor: q = q_link + tau_J / stiffness; 0: rigid.")
               .within(0, 1e6),

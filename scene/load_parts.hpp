@@ -1,18 +1,19 @@
 #pragma once
 
-#include "config_file/archive.hpp"
 #include "core/types/time.hpp"
 #include "models/robot_description.hpp"
 #include "scene/scene.hpp"
+#include "yaml_reader/archive.hpp"
 
-// The parts of load.cpp: each structure declares its keys (config_file/archive.hpp) and checks its values.
+// Parts of load.cpp: each structure declares its keys (yaml_reader/archive.hpp) and checks its values.
 namespace multipanda {
 
-inline constexpr double kFarthest = 100;       // [m] nothing in a scene is farther away
-inline constexpr double kSmallest = 0.001;     // length [m], mass [kg]; physics engines fail below
-inline constexpr double kLongestTime = 86400;  // a day [s]
+inline constexpr double kFarthest = 100;       // largest distance in a scene [m]
+inline constexpr double kSmallest = 0.001;     // smallest length [m] and mass [kg]; physics engines fail
+                                               // below
+inline constexpr double kLongestTime = 86400;  // one day [s]
 
-// What is known while a scene is read.
+// State while a scene is read.
 struct SceneReader {
   explicit SceneReader(const Registry& types) : registry(types) {}
 
@@ -30,7 +31,7 @@ struct SceneReader {
   }
 };
 
-// An input of a controllet as a scene overrides it.
+// Overrides of a controllet's input in a scene.
 struct PoseInput : InputSpec {};
 struct JointsInput : InputSpec {};
 struct OtherInput : InputSpec {};
@@ -52,7 +53,7 @@ void visit(Archive& archive, JointsInput& input);
 void visit(Archive& archive, OtherInput& input);
 void visit(Archive& archive, RosSection& ros);
 void visit(Archive& archive, RosSection::Rates& rates);
-void visit(Archive& archive, Pose& X);  // a section of its own
+void visit(Archive& archive, Pose& X);  // in a section of its own
 void visit(Archive& archive, BaseMount& mount, SceneReader& reader, SceneArm& arm);
 void note_near_leaders(Scene& scene);
 void read_active(Archive& archive, SceneReader& reader);
@@ -72,12 +73,12 @@ void check_address(const Node& address, const FciConnection& fci, const SceneRea
 // unknown one.
 const ParameterSpec& find_parameter(const SceneReader& reader, const InstanceConfig& instance, const Node& at,
                                     const std::string& name);
-// The same for the controllet's arm: a prismatic joint has another bound. What each joint bears is checked
+// The same for the controllet's arm: a prismatic joint has another bound. Limits of each joint are checked
 // when the controllet is built.
 ParameterSpec spec_here(const ParameterSpec& spec, const SceneReader& reader, const InstanceConfig& instance);
-// A value of it: checked, one number per place.
+// A checked value of it, one number per component.
 std::vector<double> read_parameter(const Node& value, const ParameterSpec& spec, std::size_t joint_count);
-// Refuses a feature that does not exist or needs data of the instance's arms that the scene lacks.
+// Refuses an unknown feature, or one that needs data of the arms that the scene lacks.
 void check_feature(const SceneReader& reader, const InstanceConfig& instance, const Node& name);
 // Refuses two of `names` that own the same arm. Returns their instances.
 std::vector<const InstanceConfig*> read_owners(const SceneReader& reader, const std::vector<Node>& names);

@@ -7,11 +7,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "common/spelling.hpp"
 #include "core/modes/registry.hpp"
 #include "scene/build.hpp"
-#include "scene/scene_reference.hpp"
 #include "scene/testing/test_scenes.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::load_test {
 namespace {
@@ -68,8 +67,7 @@ TEST(Load, ReadsTheSettingsOfTheArmItself) {
       "arms:\n"
       "  - {name: left, fci: 172.16.0.3, base: {position_m: [0, 1, 0]}}\n"
       "  - name: right\n"
-      "    fci: {version: 5, gripper: false, vacuum: true, low_pass_hz: 100, rate_limit: true, check_model: "
-      "false}\n"
+      "    fci: {version: 5, gripper: false, vacuum: true, low_pass_hz: 100, check_model: false}\n"
       "    collision:\n"
       "      torque_upper_nm: 10\n"
       "      wrench_upper: [20, 20, 30, 5, 5, 5]\n"
@@ -80,13 +78,13 @@ TEST(Load, ReadsTheSettingsOfTheArmItself) {
   const SceneArm &left = scene.arms[0], &right = scene.arms[1], &third = scene.arms[2];
   EXPECT_EQ(left.fci->address, "172.16.0.3");
   EXPECT_EQ(left.fci->version, 0);
-  EXPECT_TRUE(left.fci->gripper && !left.fci->vacuum && !left.fci->rate_limit && left.fci->check_model);
+  EXPECT_TRUE(left.fci->gripper && !left.fci->vacuum && left.fci->check_model);
   EXPECT_FALSE(left.collision || left.joint_stiffness || left.cartesian_stiffness || left.movable_fingers);
 
   EXPECT_EQ(right.fci->address, "172.16.0.2");
   EXPECT_EQ(right.fci->version, 5);
   EXPECT_EQ(right.fci->low_pass_hz, 100);
-  EXPECT_TRUE(!right.fci->gripper && right.fci->vacuum && right.fci->rate_limit && !right.fci->check_model);
+  EXPECT_TRUE(!right.fci->gripper && right.fci->vacuum && !right.fci->check_model);
   const ContactThresholds& nominal = right.collision.value().nominal;
   EXPECT_EQ(nominal.torque_upper, joint_constant(7, 10));
   EXPECT_EQ(nominal.torque_lower, joint_constant(7, 10));
@@ -366,8 +364,7 @@ TEST(Load, ReadsMotions) {
       "  - {at_s: 1, motion: {controllet: a, input: pose, sine: [0, 0.1, 0], rise: [-0.2, 0, 0], period_s: "
       "9}}\n"
       "  - {at_s: 2, motion: {controllet: a, input: joints, rise: [0, 0, 0, 0.5, 0.5, 0, 0], period_s: 10, "
-      "cycles: "
-      "2, ramp_s: 1}}\n"
+      "cycles: 2, ramp_s: 1}}\n"
       "  - {at_s: 30, motion: {controllet: a, input: pose, overtones: [{}, {rise: [0, 0, 0.1]}], period_s: "
       "9}}\n");
   ASSERT_EQ(scene.timeline.size(), 3u);
@@ -411,6 +408,16 @@ TEST(Reference, CommittedPageAndSchemaAreUpToDate) {
       << "docs/scene_reference.md" << hint;
   EXPECT_TRUE(committed("config/schemas/scene.json") == scene_json_schema(registry))
       << "config/schemas/scene.json" << hint;
+}
+
+TEST(Reference, ThePagesExampleIsAScene) {
+  const Registry registry = Registry::with_builtins();
+  const std::string page = scene_reference_markdown(registry), fence = "```yaml\n";
+  const std::size_t begin = page.find(fence) + fence.size();
+  const Scene scene =
+      parse_scene(page.substr(begin, page.find("```", begin) - begin), "press.yaml", registry);
+  EXPECT_EQ(scene.name, "press");
+  EXPECT_EQ(scene.controllets.size(), 2u);
 }
 
 TEST(Load, AliasesInNamedListsKeepTheirOwnNames) {

@@ -2,50 +2,26 @@
 #include <functional>
 #include <set>
 
-#include "config_file/text.hpp"
+#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "core/reference/harmonic.hpp"
 #include "scene/load_parts.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
 
-// Which keys of a reference carry which quantity.
-struct ReferenceKeys {
-  Quantity quantity;
-  std::vector<std::string> keys;
-  const char* expected;
-};
-const std::vector<ReferenceKeys>& reference_keys() {
-  static const std::vector<ReferenceKeys> table{
-      {Quantity::pose,
-       {"position_m", "rpy_rad", "quaternion_wxyz"},
-       "position_m [m] with rpy_rad [rad] or quaternion_wxyz"},
-      {Quantity::twist,
-       {"linear_m_per_s", "angular_rad_per_s"},
-       "linear_m_per_s [m/s] and/or angular_rad_per_s [rad/s]"},
-      {Quantity::wrench, {"force_n", "torque_nm"}, "force_n [N] and/or torque_nm [N m]"},
-      {Quantity::joints, {"q_rad"}, "q_rad [rad], one number per joint"},
-      {Quantity::scalar, {"value"}, "value, one number"}};
-  return table;
-}
-
-// Checks that the keys present are those of the input's quantity.
+// Checks that the keys match the quantity of the input.
 void check_quantity(const Archive& archive, const InputSpec& input) {
-  const auto& table = reference_keys();
-  const auto own = std::find_if(table.begin(), table.end(),
-                                [&](const auto& row) { return row.quantity == input.quantity; });
-  const std::string carries = "input '" + input.name + "' carries a " +
-                              std::string(to_string(input.quantity)) + ": expected " + own->expected;
-  if (archive.present(own->keys).empty()) archive.self().refuse(carries);
-  for (const auto& row : table) {
-    const auto present = archive.present(row.keys);
-    if (&row != &*own && !present.empty()) archive.at(present[0]).refuse(carries);
+  const std::string carries = carries_text(input);
+  if (archive.present(keys_of(input.quantity).keys).empty()) archive.self().refuse(carries);
+  for (const QuantityKeys& other : quantity_keys()) {
+    const auto present = archive.present(other.keys);
+    if (other.quantity != input.quantity && !present.empty()) archive.at(present[0]).refuse(carries);
   }
 }
 
-// The timeline, read in the order of the file. What depends on which controllets run then is checked in the
-// order of time: a reference to a controllet that is not running is found here, not during a run.
+// The timeline, read in the order of the file. Checks that depend on the running controllets follow the order
+// of time: a reference to a controllet that is not running is refused here, not during a run.
 class TimelineReader {
  public:
   explicit TimelineReader(SceneReader& reader)
@@ -56,8 +32,7 @@ class TimelineReader {
     archive.about("Event", "One item of the timeline: a time and exactly one event.");
     archive(Key("at_s",
                 "Time since the start, above 0: `active` and the values of the controllets define what holds "
-                "from "
-                "0 on.")
+                "from 0 on.")
                 .within(kArmPeriod, kLongestTime)
                 .required(),
             event.at_s);
@@ -197,8 +172,7 @@ class TimelineReader {
     if (input != nullptr) check_quantity(archive, *input);
     archive(Key("duration_s",
                 "Time of the approach; longer if the speed limit of the input requires it. 0: as fast as "
-                "that limit "
-                "allows.")
+                "that limit allows.")
                 .within(0, 3600),
             event.duration_s);
     Pose X;
@@ -221,8 +195,8 @@ class TimelineReader {
     if (input->quantity == Quantity::pose) {
       if (!archive.has("position_m") || archive.present({"rpy_rad", "quaternion_wxyz"}).empty())
         archive.self().refuse("a pose needs position_m [m] and rpy_rad [rad] or quaternion_wxyz");
-      const Quaternion r = X.quaternion();
-      event.values = {X.position.x(), X.position.y(), X.position.z(), r.w(), r.x(), r.y(), r.z()};
+      const auto values = X.values();
+      event.values.assign(values.begin(), values.end());
     } else if (input->quantity == Quantity::joints) {
       event.values.assign(q.begin(), q.end());
     } else if (input->quantity == Quantity::scalar) {
@@ -237,10 +211,9 @@ class TimelineReader {
     event.what = What::set_motion;
     archive.about("Motion",
                   "x(t) = x_0 + sine sin(theta) + rise (1 - cos(theta))/2, where x_0 is the set-point at the "
-                  "start and theta "
-                  "runs from 0 to 2 pi cycles. The motion begins and ends at rest and lasts period_s * "
-                  "cycles + ramp_s. A "
-                  "circle of radius r: `sine` is r along one axis, `rise` is 2 r towards the center.");
+                  "start and theta runs from 0 to 2 pi cycles. The motion begins and ends at rest and lasts "
+                  "period_s * cycles + ramp_s. A circle of radius r: `sine` is r along one axis, `rise` is 2 "
+                  "r towards the center.");
     const InputSpec* input = visit_input(archive, event);
     const std::size_t count =
         input == nullptr
@@ -326,7 +299,7 @@ class TimelineReader {
                           "; expected a longer period_s, or a higher limit under the controllet's inputs");
   }
 
-  // The input that an event names; null while describing.
+  // The input of an event; null while describing.
   const InputSpec* visit_input(Archive& archive, TimelineEvent& event) {
     const InstanceConfig* target = visit_instance(archive, event);
     archive(Key("input", "Name of the input.").required(), event.name);
@@ -334,12 +307,8 @@ class TimelineReader {
     const auto& inputs = reader_.registry.controllet(target->type)->descriptor.inputs;
     const auto input =
         std::find_if(inputs.begin(), inputs.end(), [&](const auto& spec) { return spec.name == event.name; });
-    if (input == inputs.end()) {
-      std::vector<std::string> valid;
-      for (const auto& spec : inputs) valid.push_back(spec.name);
-      archive.at("input").refuse("'" + target->type + "' has no input " + in_quotes(event.name) +
-                                 name_hint(event.name, valid, "it has none"));
-    }
+    if (input == inputs.end())
+      archive.at("input").refuse(has_no(target->type, "input", event.name, names_in(inputs)));
     return &*input;
   }
 
@@ -356,9 +325,8 @@ class TimelineReader {
     event.what = What::place;
     archive.about(
         "Place",
-        "Places an object at rest: a free one, or a fixed one (a table disappears). Only the simulation "
-        "does so; real arms ignore it. If the object would penetrate another one, the run ends with an "
-        "error.");
+        "Places an object at rest: a free one, or a fixed one (a table disappears). Only the simulation does "
+        "so; real arms ignore it. If the object would penetrate another one, the run ends with an error.");
     archive(Key("object", "Name of the object.").required(), event.object);
     visit_pose(archive, event.X_WO, Key("position_m", "Center of the object in the world.").required());
     if (!archive.reading()) return {};

@@ -6,14 +6,14 @@
 #include <string>
 #include <vector>
 
-#include "config_file/config_error.hpp"
 #include "core/cycle/backend.hpp"
+#include "core/model/arm_model.hpp"
 #include "core/model/base_mount.hpp"
 #include "core/modes/instance.hpp"
 #include "core/safety/safety.hpp"
 #include "core/state/arm_state.hpp"
 #include "core/types/spatial.hpp"
-#include "scene/ros_section.hpp"
+#include "yaml_reader/config_error.hpp"
 
 // A scene file (YAML, docs/scene_reference.md) as checked data in SI units. Models, plant, control cycle and
 // log are built from it.
@@ -21,7 +21,7 @@ namespace multipanda {
 
 struct RobotDescription;
 
-// Differences of the arms' plant from rigid bodies with perfect torques. Two named sets: ideal, realistic.
+// Deviations of the plant from rigid bodies with perfect torques. Two named sets: ideal, realistic.
 struct PlantFidelity {
   std::string name = "ideal";
   bool joint_friction = false;     // from the table of the robot model
@@ -29,9 +29,9 @@ struct PlantFidelity {
   double command_delay_s = 0;      // whole control periods
   double noise_q_rad = 0, noise_dq_rad_per_s = 0, noise_tau_nm = 0;  // standard deviations, white
   double stiction_nm = 0;  // dry friction of every joint, unknown to the controllers
-  // How much of the rotors' inertia the arms' own torque loops hide, 0 to 1; read into
-  // SceneArm::rotor_hidden.
-  double rotor_hidden = 1;
+  // Fraction of the rotors' inertia that the arms' torque loops compensate, 0 to 1; copied to
+  // SceneArm::rotor_hidden. None: 1 in simulation, 0 of virtual arms.
+  std::optional<double> rotor_hidden;
   // Transmission of every joint; 0: none. In hidden plants a mean: each joint has 0.5 to 1.5 of it.
   double transmission_stiffness_nm_per_rad = 0, gear_ripple_nm = 0;
   static PlantFidelity ideal() { return {}; }
@@ -63,7 +63,6 @@ struct FciConnection {
   bool gripper = true;                 // connect to the hand's gripper, if there is one
   bool vacuum = false;                 // connect to a vacuum gripper
   double low_pass_hz = 0;              // of commanded torques; 0: none
-  bool rate_limit = false;             // without effect, for one release
   bool check_model = true;  // compare the robot model that the arm provides with the scene's at the start
   bool recover_at_start = false;           // clear a reflex of the arm without being asked
   bool keep_collision_thresholds = false;  // without the arm's key `collision`: those of an earlier program
@@ -80,37 +79,39 @@ struct SceneArm {
   bool hand = true;
   // Whether the fingers of the simulated hand move. Default: closed and rigid, but movable on virtual arms.
   std::optional<bool> movable_fingers;
-  bool vacuum =
-      false;  // a vacuum gripper replaces the hand; suction acts at the end effector, along its z axis
-  Pose X_WB;  // base in the world; of a carried arm where it is at the start
+  // A vacuum gripper replaces the hand; suction acts at the end effector, along its z axis.
+  bool vacuum = false;
+  Pose X_WB;  // base in the world; of a carried arm at the start
   // On a link of an arm earlier in `arms`, which moves the base; none: the base stands still.
   std::optional<BaseMount> mount;
   SourcePlace mount_place;  // of the key `base_on`
   JointVector q_start;      // joint positions of the simulated arm at the start [rad]
-  std::optional<Pose>
-      X_FE;            // end effector in the flange; none: the hand's tool center point, otherwise the flange
-  Pose X_EK;           // stiffness frame in the end effector
+  // End effector in the flange; none: the hand's tool center point, otherwise the flange.
+  std::optional<Pose> X_FE;
+  double farthest_end_effector = kFarthestEndEffector;  // from the flange, by this scene and by requests [m]
+  Pose X_EK;                                            // stiffness frame in the end effector
   Load tool;           // rigid tool on the flange in addition to the hand: in plant and controllers
   Load load_declared;  // payload that the controllers know
   Load load_present;   // payload in the plant
   // Everything that the flange may carry, hand and tool included [kg]; none: the model's rated payload.
   std::optional<double> largest_load;
   std::vector<ToolShape> tool_shapes;
-  // How much of the rotors' inertia the torque loop of the simulated arm hides: the links move as if the rest
-  // were fixed to the joint (acting_motor_inertia).
+  // Fraction of the rotors' inertia that the torque loop of the simulated arm compensates: the links move as
+  // if the rest were fixed to the joint (acting_motor_inertia).
   double rotor_hidden = 1;
-  bool known_rotor_inertia = false;  // the mass matrix of the controllers contains what acts of it
+  bool known_rotor_inertia = false;  // the mass matrix of the controllers contains the acting motor inertia
   bool known_friction = false;       // controllers know the model's friction table
   std::optional<FciConnection> fci;  // a real arm; none: simulated, unless an option of the run overrides it
   // Set on the arm at the start; none: the arm keeps its own.
   std::optional<SetCollisionThresholds> collision;
   std::optional<JointVector> joint_stiffness;  // of the arm's internal joint controller [N m/rad] (n x 1)
   std::optional<Vector6> cartesian_stiffness;  // of its internal Cartesian controller, in K [N/m, N m/rad]
-  // Pairs of its fitted collision shapes that nothing keeps apart, as text that is logged
+  // Pairs of fitted collision shapes that are not checked, as text for the log
   // (RobotDescription::unguarded_pairs).
   std::vector<std::string> unguarded;
-  SafetyLimits safety;                // complete: the model's limits, tightened by the scene
-  std::vector<std::string> loosened;  // limits looser than those of the model, as text; logged
+  std::vector<std::string> left_out_friction;  // RobotDescription::left_out_friction
+  SafetyLimits safety;                         // complete: the model's limits, tightened by the scene
+  std::vector<std::string> loosened;           // limits looser than those of the model, as text; logged
   SourcePlace place;
 };
 
@@ -118,8 +119,8 @@ struct SceneArm {
 struct SurfaceContact {
   double stiffness_n_per_m = 10000;  // slope of normal force against penetration
   double damping_ratio = 0.3;        // of a body of kContactMass on that stiffness
-  double tangential_damping_n_s_per_m =
-      100;  // slope of friction against slip velocity, inside the friction cone
+  // Slope of friction against slip velocity, inside the friction cone.
+  double tangential_damping_n_s_per_m = 100;
   static constexpr double kContactMass = 4.0;  // [kg] about the effective mass of an arm at its tip
 };
 
@@ -159,9 +160,9 @@ struct TimelineEvent {
   // set_*
   std::string controllet;
   std::string name;  // parameter, feature or input
-  std::vector<double>
-      values;      // parameter; reference: in the order of Target (pose: x y z, quaternion w x y z), world
-  bool on = true;  // feature
+  // Parameter; reference: in the order of Target (pose: x y z, quaternion w x y z), world.
+  std::vector<double> values;
+  bool on = true;         // feature
   double duration_s = 0;  // reference
   // motion: rise and sine in the order of a motion's Target (pose: x y z)
   std::vector<double> sine, rise;
@@ -178,6 +179,37 @@ struct TimelineEvent {
   SourcePlace place;
 };
 
+// How a run appears in ROS 2 (`run --ros`); it has no effect on the arms.
+struct RosSection {
+  enum class Time { automatic, simulation, system };
+  // Names and message types of another system, beside our own.
+  enum class Compat { none, multipanda_ros2, franka_ros2 };
+
+  // How often each group of topics is published [Hz of the loop's time]; 0: never. A rate means every n-th
+  // record, so that 1000 Hz is every one at a control period of 1 ms.
+  struct Rates {
+    double joint_states = 100;
+    double robot_state = 100;  // <arm>/robot_state
+    double model = 30;         // <arm>/model
+    double wrench = 100;       // <arm>/wrench
+    double tf = 100;
+    double references = 100;  // of controllets' inputs
+    double outputs = 100;     // of controllets
+    double gripper = 30;      // <arm>_gripper/joint_states
+    double object_poses = 30;
+    double markers = 10;  // ~/markers, for viewers
+    double clock = 1000;
+    double loop_statistics = 1;
+    double diagnostics = 1;
+  };
+
+  std::string node = "multipanda";
+  std::string name_space = "/";  // of the node; "/": none
+  Time time = Time::automatic;   // of the stamps; automatic: simulated where all arms are
+  Compat compat = Compat::none;
+  Rates rates_hz;
+};
+
 struct Scene {
   std::string name;
   std::string description;
@@ -191,11 +223,11 @@ struct Scene {
   std::vector<SceneArm> arms;
   std::vector<SceneObject> objects;
   std::vector<std::string> plugins;  // paths of users' libraries
-  std::string backend;               // what drives the arms; empty: by each arm's key `fci`
+  std::string backend;               // backend; empty: by each arm's key `fci`
   ContactBounds contact_bounds;      // of every controllet, also in InstanceConfig::contact
   std::vector<std::string> lifted;   // bounds above the usual ones, as text; printed at the start
-  std::vector<std::string>
-      lowered;  // speeds of inputs that these bounds lower, as text; printed at the start
+  // Speeds of inputs that these bounds lower, as text; printed at the start.
+  std::vector<std::string> lowered;
   std::vector<std::string> unsafer_laws;  // presets and options that give up a safeguard, as text; likewise
   std::vector<std::string> near_leaders;  // followers that may push their leaders, as text; printed likewise
   std::vector<InstanceConfig> controllets;

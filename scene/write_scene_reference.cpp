@@ -2,7 +2,7 @@
 #include <fstream>
 #include <iostream>
 
-#include "scene/scene_reference.hpp"
+#include "scene/load.hpp"
 
 int main(int argc, char** argv) {
   if (argc != 3) {

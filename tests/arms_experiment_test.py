@@ -21,7 +21,7 @@ import time
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent / "fci"))
-from virtual_arms import PATIENCE_S, VirtualArms  # noqa: E402
+from virtual_arms import PATIENCE_S, VirtualArms
 
 PROGRAM = ""
 SOURCE = pathlib.Path(__file__).resolve().parent.parent
@@ -61,7 +61,7 @@ timeline:
   - at_s: 0.3
     motion: {{controllet: joints, input: joints, rise: [0, 0, 0, 0.1, 0, 0, 0], period_s: 1, cycles: {cycles}}}
 """
-LONG = 9  # s of motion, for runs that are interrupted
+LONG = 30  # s of motion, for runs that are interrupted
 READY = [0, -0.7854, 0, -2.3562, 0, 1.5708, 0.7854]
 
 
@@ -84,7 +84,8 @@ class Bench:
             self.experiment, self.name = experiment, experiment
         self.fast = [] if REALTIME else ["--fast"]
         pace = "realtime" if REALTIME else "lockstep"
-        self.arms = VirtualArms(PROGRAM, scene, names, pace, ["--no-gripper", "--strict"])
+        versions = [word for name in names for word in ("--protocol", f"{name}=any")]  # for pylibfranka, too
+        self.arms = VirtualArms(PROGRAM, scene, names, pace, ["--no-gripper", "--strict", *versions])
 
     def __enter__(self):
         self.arms.__enter__()
@@ -100,14 +101,13 @@ class Bench:
             words += ["--address", f"{name}={self.arms.address[name]}"]
         return [*words, *self.fast, *more]
 
-    def answers(self, keys):
-        file = self.folder / "answers.txt"
-        lines = [f"experiment {self.name}", *(f"arm {name}={self.arms.address[name]}" for name in self.names)]
-        file.write_text("\n".join([*lines, *(f"yes {key}" for key in keys)]) + "\n")
-        return ["--yes-to", str(file)]
-
-    def run(self, *more, timeout=600):
-        return subprocess.run(self.words(*more), capture_output=True, text=True, timeout=timeout)
+    def run(self, *more, go=()):
+        """Runs to the end; the questions in `go` are answered with go, another one ends the experiment."""
+        seen = AtTheTerminal(self.words(*more), go)
+        end = time.monotonic() + 600
+        while seen.read() and time.monotonic() < end:
+            pass
+        return seen.end(), seen.text
 
     def results(self):
         found = sorted(self.folder.glob("runs/*/results.json"))
@@ -126,13 +126,16 @@ class Bench:
 
 
 class AtTheTerminal:
-    """The program behind a pseudo-terminal, as a person sees it."""
+    """The program behind a pseudo-terminal, as a person sees it; with `go` it is answered by lines with these names."""
 
-    def __init__(self, words):
+    def __init__(self, words, go=()):
+        words += ["--answers", "-"] if go else []
+        self.go = go
         self.pid, self.file = pty.fork()
         if self.pid == 0:
             os.environ["TERM"] = "dumb"
             os.execv(words[0], words)
+        self.asked = 0
         self.text = ""
         self.at = 0
 
@@ -144,6 +147,9 @@ class AtTheTerminal:
         except OSError:
             return False
         self.text += data.decode(errors="replace").replace("\r", "")
+        while self.go and (found := re.compile(r"expected: '(.+): \.\.\.'").search(self.text, self.asked)):
+            self.asked = found.end()
+            self.press(f"{found[1]}: {'go' if found[1] in self.go else 'quit'}\n")
         return bool(data)
 
     def expect(self, pattern, timeout=2 * PATIENCE_S):
@@ -166,7 +172,7 @@ class AtTheTerminal:
         return os.waitstatus_to_exitcode(status)
 
 
-QUESTION = r"\[Enter: yes, q: stop\] > "
+QUESTION = r"\[Enter: go, q: quit\] > "
 
 
 class Refused(unittest.TestCase):
@@ -178,25 +184,14 @@ class Refused(unittest.TestCase):
     def test_without_a_terminal_or_addresses(self):
         done = self.words("task-1", "--backend", "fci", "--address", "arm=127.0.0.9")
         self.assertEqual(done.returncode, 2)
-        self.assertIn("asks a person at a terminal", done.stderr)
+        self.assertIn("there is no terminal;", done.stderr)
         done = self.words("task-1", "--backend", "fci")
         self.assertIn("needs the address of every arm", done.stderr)
 
-    def test_answers_are_for_virtual_arms_and_one_experiment(self):
-        with tempfile.TemporaryDirectory() as folder:
-            file = pathlib.Path(folder, "yes.txt")
-            file.write_text("experiment task-1\narm arm=127.0.0.9\nyes clear\n")
-            words = ("--backend", "fci", "--yes-to", str(file), "--out", folder)
-            done = self.words("task-1", *words, "--address", "arm=192.0.2.7")
-            self.assertEqual(done.returncode, 2)
-            self.assertIn("virtual arms on this computer only", done.stderr)
-            done = self.words("task-2", *words, "--address", "arm=127.0.0.9")
-            self.assertIn("one experiment only", done.stderr)
-            done = self.words("task-1", *words, "--address", "arm=127.0.0.8")
-            self.assertIn("these arms only", done.stderr)
-            file.write_text("experiment task-1\nall of it\n")
-            done = self.words("task-1", *words, "--address", "arm=127.0.0.9")
-            self.assertIn("yes.txt:2: expected", done.stderr)
+    def test_answers_are_for_virtual_arms(self):
+        done = self.words("task-1", "--backend", "fci", "--answers", "-", "--address", "arm=192.0.2.7")
+        self.assertEqual(done.returncode, 2)
+        self.assertIn("virtual arms on this computer only", done.stderr)
 
     def test_a_first_run_on_physical_arms_is_warned_of(self):
         with tempfile.TemporaryDirectory() as folder:
@@ -205,7 +200,7 @@ class Refused(unittest.TestCase):
                 # An address for documentation: no arm is there, and none is connected.
                 words = [PROGRAM, "experiment", "task-1", "--repeats", "1", "--backend", "fci"]
                 seen = AtTheTerminal([*words, "--address", "arm=192.0.2.7", "--out", folder])
-                seen.expect("WARNING: no first run of this scene on physical arms")
+                seen.expect("WARNING: there is no record of a first run of this scene on physical arms")
                 seen.expect(QUESTION)
                 seen.press("q\n")
                 self.assertEqual(seen.end(), 1)
@@ -214,12 +209,10 @@ class Refused(unittest.TestCase):
 
     def test_what_arms_cannot_do(self):
         with tempfile.TemporaryDirectory() as folder:
-            file = pathlib.Path(folder, "yes.txt")
-            file.write_text("experiment contact-loss\narm arm=127.0.0.9\n")
-            done = self.words("contact-loss", "--backend", "fci", "--yes-to", str(file), "--out", folder,
+            done = self.words("contact-loss", "--backend", "fci", "--answers", "-", "--out", folder,
                               "--address", "arm=127.0.0.9")  # fmt: skip
             self.assertEqual(done.returncode, 2)
-            self.assertIn("which only a simulation does", done.stderr)
+            self.assertIn("which only a simulation can do", done.stderr)
 
 
 class Short(unittest.TestCase):
@@ -272,14 +265,14 @@ class Short(unittest.TestCase):
             seen = AtTheTerminal(bench.words())
             seen.expect(QUESTION)
             seen.press("x\n")
-            seen.expect("not understood")
+            seen.expect("expected go or quit, found 'x'")
             seen.expect(QUESTION)
             seen.press("q\n")
-            seen.expect("go on with: multipanda experiment")
+            seen.expect("continue with: multipanda experiment")
             self.assertEqual(seen.end(), 1)
-            done = bench.run(*bench.answers(["mounted", "clear", "user-stop"]))
-            self.assertEqual(done.returncode, 1)
-            self.assertIn("has no line 'yes bounds'", done.stdout)
+            code, text = bench.run(go=["mounted", "clear", "user-stop"])
+            self.assertEqual(code, 1)
+            self.assertIn("ended on request at 'bounds'", text)
             self.assertIsNone(bench.results())
         sent = bench.arms.ended["arms"]["arm"]
         self.assertEqual(sent["commands_received"], 0, sent)  # no arm was ever commanded
@@ -287,13 +280,13 @@ class Short(unittest.TestCase):
     @LONG_RUNS
     def test_an_interrupted_experiment_is_resumed(self):
         with Bench(repeats=2, cycles=LONG) as bench:
-            seen = AtTheTerminal(bench.words(*bench.answers([*GENERAL, "place shelf"])))
+            seen = AtTheTerminal(bench.words(), [*GENERAL, "place shelf"])
             seen.expect(r"measured .* repeat 1")
             seen.expect(rf"Run .*, repeat 2: {LONG}\.8 s")
             bench.wait_for_run("measured_plain_2", seen)
             bench.arms.control("reflex arm joint_reflex")
             seen.expect(r"stopped: .*arm 'arm' is in mode reflex")
-            found = seen.expect(r"go on with: multipanda experiment \S+ --resume (\S+)")
+            found = seen.expect(r"continue with: multipanda experiment \S+ --resume (\S+)")
             self.assertEqual(seen.end(), 1)
             folder = pathlib.Path(found[1])
             self.assertIsNone(bench.results())
@@ -301,16 +294,16 @@ class Short(unittest.TestCase):
             self.assertEqual(len(kept), 1, list((folder / "logs").iterdir()))
             first, before = kept[0], kept[0].stat().st_mtime_ns
             # An arm in a reflex does not move again before somebody has cleared it.
-            done = bench.run("--resume", str(folder), *bench.answers([*GENERAL, "place shelf"]))
-            self.assertEqual(done.returncode, 1)
-            self.assertIn("is in mode reflex", done.stdout)
+            code, text = bench.run("--resume", str(folder), go=[*GENERAL, "place shelf"])
+            self.assertEqual(code, 1)
+            self.assertIn("is in mode reflex", text)
             bench.arms.control("recover arm")
-            done = bench.run("--resume", str(folder), "--seed", "5", *bench.answers(GENERAL))
-            self.assertEqual(done.returncode, 2)
-            self.assertIn("was begun with another seed", done.stderr)
-            done = bench.run("--resume", str(folder), *bench.answers([*GENERAL, "place shelf"]))
-            self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
-            self.assertNotIn("repeat 1: ", done.stdout)  # that run was finished
+            code, text = bench.run("--resume", str(folder), "--seed", "5", go=GENERAL)
+            self.assertEqual(code, 2)
+            self.assertIn("was started with another seed", text)
+            code, text = bench.run("--resume", str(folder), go=[*GENERAL, "place shelf"])
+            self.assertEqual(code, 0, text)
+            self.assertNotIn("repeat 1: ", text)  # that run was finished
             self.assertEqual(first.stat().st_mtime_ns, before)
             results = json.loads((folder / "results.json").read_text())
             self.assertEqual(sorted((r["plant"], r["repeat"]) for r in results["runs"]),
@@ -324,19 +317,18 @@ class Short(unittest.TestCase):
             scene = pathlib.Path(folder, "scene.yaml")
             scene.write_text(text.replace("position_m: [0.4, 0, 0.31]", "position_m: [4, 0, 0.31]"))
             with Bench(experiment="task-3", scene=scene) as bench:
-                words = ["--repeats", "1", "--only", "k10", *bench.answers([*GENERAL, "place table"])]
-                done = bench.run(*words)
-                self.assertEqual(done.returncode, 1, done.stdout)
-                self.assertIn("is an object missing?", done.stdout)
+                code, text = bench.run("--repeats", "1", "--only", "k10", go=[*GENERAL, "place table"])
+                self.assertEqual(code, 1, text)
+                self.assertIn("is an object missing?", text)
                 self.assertIsNone(bench.results())
 
     def test_ctrl_c_leaves_the_arm_at_rest(self):
         with Bench(cycles=LONG) as bench:
-            seen = AtTheTerminal(bench.words(*bench.answers([*GENERAL, "place shelf"])))
+            seen = AtTheTerminal(bench.words(), [*GENERAL, "place shelf"])
             bench.wait_for_run("measured_plain_1", seen)
             os.kill(seen.pid, signal.SIGINT)
             seen.expect("stopping: the arms hold")
-            seen.expect("go on with")
+            seen.expect("continue with")
             self.assertEqual(seen.end(), 1)
             import pylibfranka as franka
 
@@ -358,15 +350,15 @@ class Tasks(unittest.TestCase):
             scene = SOURCE / "experiments" / "scenes" / "task_4.yaml"
         with Bench(experiment=name, scene=scene, names=names) as bench:
             only = ["--only", variant] if variant else []
-            done = bench.run("--repeats", "1", *only, *bench.answers([*GENERAL, *(f"place {p}" for p in places)]))
+            code, text = bench.run("--repeats", "1", *only, go=[*GENERAL, *(f"place {p}" for p in places)])
             results = bench.results()
-            self.assertIsNotNone(results, done.stdout + done.stderr)
+            self.assertIsNotNone(results, text)
             self.assertEqual({r["plant"] for r in results["runs"]}, {"realistic", "measured"})
             for run in results["runs"]:
                 self.assertEqual(run["faults"], [])
             print(f"{name} {variant}:", json.dumps(results["summary"][-1], default=str))
-            self.assertEqual(results["problems"], [], done.stdout)
-            self.assertEqual(done.returncode, 0)
+            self.assertEqual(results["problems"], [], text)
+            self.assertEqual(code, 0)
 
     @LONG_RUNS
     def test_task_1(self):

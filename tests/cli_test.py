@@ -8,9 +8,11 @@ import pty
 import re
 import select
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
+import termios
 import time
 import unittest
 
@@ -29,15 +31,42 @@ def call(*arguments, timeout=PATIENCE, **environment):
     )
 
 
-class Words(unittest.TestCase):
+def begun(*words, stderr, **environment):
+    """A program that goes on."""
+    variables = {**os.environ, **environment}
+    return subprocess.Popen(
+        [PROGRAM, *map(str, words)], stdout=subprocess.PIPE, stderr=stderr, text=True, env=variables
+    )
+
+
+class Calls(unittest.TestCase):
+    """Calls in a folder of the test's own."""
+
+    environment = {}
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def answer(self, *words, code=0):
+        """What a call answers that must end with this exit code."""
+        answer = call(*words, **self.environment)
+        self.assertEqual(answer.returncode, code, (words, answer))
+        return answer
+
+    def table(self, *words, code=0):
+        """The object that a call prints with --json."""
+        return json.loads(self.answer(*words, "--json", code=code).stdout)
+
+
+class Words(Calls):
     def test_help_has_examples_for_every_command(self):
-        text = call("--help")
-        self.assertEqual(text.returncode, 0)
+        text = self.answer("--help")
         words = re.findall(r"^  (\w+) {2,}\S", text.stdout.split("Subcommands:")[1], re.M)
         self.assertGreaterEqual(len(words), 10)
         for word in words:
-            help_text = call(word, "--help")
-            self.assertEqual(help_text.returncode, 0, word)
+            help_text = self.answer(word, "--help")
             self.assertIn("Examples:\n  multipanda", help_text.stdout, word)
 
     def test_invalid_arguments_are_refused_with_the_nearest(self):
@@ -54,8 +83,7 @@ class Words(unittest.TestCase):
             (["run", "two_arms", "--fast", "--backend", "replay"], "--log LOG"),
             (["run", "two_arms", "--fast", "--log", "log.mcap"], "--backend replay"),
         ]:
-            answer = call(*words)
-            self.assertEqual(answer.returncode, 2, (words, answer))
+            answer = self.answer(*words, code=2)
             self.assertIn(expected, answer.stderr, words)
             self.assertEqual(answer.stdout, "", words)
 
@@ -75,8 +103,7 @@ class Words(unittest.TestCase):
             ["report", "/nowhere"],
             ["repair", "/nowhere"],
         ]:
-            answer = call(*words)
-            self.assertEqual(answer.returncode, 2, (words, answer))
+            answer = self.answer(*words, code=2)
             self.assertTrue(answer.stderr.strip(), words)
 
     def test_lists(self):
@@ -87,120 +114,192 @@ class Words(unittest.TestCase):
             (["list", "scenes"], ["one_arm", "two_arms"]),
             (["list", "parameters", "joint_impedance"], ["stiffness_nm_per_rad", "default"]),
         ]:
-            answer = call(*words)
-            self.assertEqual(answer.returncode, 0, answer.stderr)
+            answer = self.answer(*words)
             for text in expected:
                 self.assertIn(text, answer.stdout)
             self.assertNotIn("refused", answer.stdout)
 
     def test_backends_by_name(self):
-        with tempfile.TemporaryDirectory() as folder:
-            recorded = call("run", "one_arm", "--seconds", "0.5", "--fast", "--json", "--record", folder)
-            self.assertEqual(recorded.returncode, 0, recorded.stderr)
-            log = json.loads(recorded.stdout)["log"]
-            replayed = call("run", "one_arm", "--fast", "--backend", "replay", "--log", log)
-            self.assertEqual(replayed.returncode, 0, replayed.stderr)
-            self.assertIn("largest difference from the recorded torques 0 N m", replayed.stdout + replayed.stderr)
+        log = self.table("run", "one_arm", "--seconds", "0.5", "--fast", "--record", self.folder)["log"]
+        replayed = self.answer("run", "one_arm", "--fast", "--backend", "replay", "--log", log)
+        self.assertIn("largest difference from the recorded torques 0 N m", replayed.stdout + replayed.stderr)
         for backend in ("pinocchio", "mujoco", "virtual"):
-            answer = call("run", "one_arm", "--seconds", "0.2", "--fast", "--backend", backend)
-            self.assertEqual(answer.returncode, 0, (backend, answer.stderr))
+            self.answer("run", "one_arm", "--seconds", "0.2", "--fast", "--backend", backend)
+
+    def test_check_reads_a_scene_of_real_arms_and_connects_to_none(self):
+        scene = self.folder / "real.yaml"
+        right = "{name: right, fci: 127.0.0.9, base: {position_m: [0, 1, 0], rpy_rad: [0, pi/2, 0]}}"
+        scene.write_text(f"name: real\narms: [{{name: left, fci: 172.16.0.2}}, {right}]\n")
+        with socket.create_server(("127.0.0.9", 1337)) as arm:
+            arm.setblocking(False)
+            said = self.answer("check", scene).stdout
+            self.assertTrue(said.endswith("ok\n"))
+            self.assertIn("base at (0, 0, 0) m\n", said)
+            self.assertIn("base at (0, 1, 0) m, turned by (0, 1.571, 0) rad\n", said)
+            self.assertRaises(BlockingIOError, arm.accept)
 
     def test_check_reads_every_scene_that_is_shipped(self):
         scenes = [line.split()[0] for line in call("list", "scenes").stdout.splitlines()]
         self.assertGreaterEqual(len(scenes), 4)
         for scene in scenes:
-            answer = call("check", scene)
-            self.assertEqual(answer.returncode, 0, answer.stderr)
+            answer = self.answer("check", scene)
             self.assertTrue(answer.stdout.endswith("ok\n"))
 
+    def test_check_shows_where_bases_and_objects_are_and_how_they_are_turned(self):
+        scene = self.folder / "places.yaml"
+        scene.write_text(
+            "arms:\n  - {name: left}\n  - {name: right, base: {position_m: [0, -0.7, 0.2], rpy_rad: [0, 0.5, -1.2]}}\n"
+            "objects:\n  - {name: peg, shape: cylinder, diameter_m: 0.05, length_m: 0.2, fixed: false, mass_kg: 0.35,"
+            " position_m: [0.4, 0.1, 0.3], rpy_rad: [0.25, 0, 0]}\n"
+        )
+        shown = self.answer("check", scene).stdout
+        for line in (
+            r"arm left: .*, base at \(0, 0, 0\) m$",
+            r"arm right: .*, base at \(0, -0\.7, 0\.2\) m, turned by \(0, 0\.5, -1\.2\) rad",
+            r"object peg: free, 0\.35 kg, at \(0\.4, 0\.1, 0\.3\) m, turned by \(0\.25, 0, 0\) rad",
+        ):
+            self.assertRegex(shown, re.compile(line, re.M))
+
+    def test_friction_of_a_urdf_is_named_where_it_is_left_out(self):
+        link = (
+            "<link name='{}'><inertial><mass value='1'/>"
+            "<inertia ixx='.01' iyy='.01' izz='.01' ixy='0' ixz='0' iyz='0'/></inertial></link>"
+        )
+        (self.folder / "one.urdf").write_text(
+            f"<robot name='one'>{link.format('a')}{link.format('b')}<joint name='hinge' type='revolute'>"
+            "<parent link='a'/><child link='b'/><axis xyz='0 0 1'/><dynamics damping='0.75' friction='2.5'/>"
+            "<limit lower='-1' upper='1' velocity='2' effort='30'/></joint></robot>"
+        )
+        (self.folder / "one.yaml").write_text("name: one\nurdf: ./one.urdf\nbase_link: a\ntip_link: b\n")
+        scene = self.folder / "scene.yaml"
+        scene.write_text("arms: [{name: arm, model: ./one.yaml, hand: false}]\n")
+        said = "hinge 0.75 N m s/rad and 2.5 N m"
+        self.assertIn(said, self.answer("check", scene).stdout)
+        self.assertIn(
+            said, self.answer("export", self.folder / "one.yaml", "--urdf", "--out", self.folder / "o").stderr
+        )
+        ran = self.answer("run", scene, "--fast", "--seconds", "0.1")
+        self.assertIn(said, ran.stdout + ran.stderr)
+
     def test_a_wrong_scene_is_refused_with_its_line(self):
-        with tempfile.TemporaryDirectory() as folder:
-            scene = pathlib.Path(folder) / "wrong.yaml"
-            scene.write_text("arms:\n  - {name: left}\n  - name: right\n    bse: {position_m: [0, 1, 0]}\n")
-            for words in (["check", scene], ["run", scene, "--fast", "--record", folder]):
-                answer = call(*words)
-                self.assertEqual(answer.returncode, 2)
-                self.assertIn("wrong.yaml:4", answer.stderr)
-                self.assertIn("base", answer.stderr)
-            self.assertEqual([p.name for p in pathlib.Path(folder).iterdir()], ["wrong.yaml"])  # no run was started
+        scene = self.folder / "wrong.yaml"
+        scene.write_text("arms:\n  - {name: left}\n  - name: right\n    bse: {position_m: [0, 1, 0]}\n")
+        for words in (["check", scene], ["run", scene, "--fast", "--record", self.folder]):
+            answer = self.answer(*words, code=2)
+            self.assertIn("wrong.yaml:4", answer.stderr)
+            self.assertIn("base", answer.stderr)
+        self.assertEqual([p.name for p in self.folder.iterdir()], ["wrong.yaml"])  # no run was started
 
 
-class Runs(unittest.TestCase):
+class Runs(Calls):
     def test_json_is_one_object_and_nothing_else(self):
-        with tempfile.TemporaryDirectory() as folder:
-            answer = call("run", "two_arms", "--seconds", "2", "--fast", "--json", "--record", folder)
-            self.assertEqual(answer.returncode, 0, answer.stderr)
-            self.assertEqual(answer.stdout.count("\n"), 1)
-            result = json.loads(answer.stdout)
-            self.assertEqual(result["cycles"], 2000)
-            self.assertEqual(result["overruns"], 0)
-            self.assertEqual(set(result["cycle_us"]), {"median", "p99", "p999", "worst"})
-            self.assertLessEqual(result["cycle_us"]["median"], result["cycle_us"]["worst"])
-            self.assertTrue(result["success"])
-            self.assertEqual(result["records_lost"], 0)
-            self.assertIsNone(result["report"])
-            log = pathlib.Path(result["log"]).read_bytes()
-            self.assertTrue(log.startswith(MAGIC) and log.endswith(MAGIC))
-            repaired = call("repair", folder)
-            self.assertEqual(repaired.returncode, 0, repaired.stderr)
-            self.assertIn("nothing changed", repaired.stdout)
-            exported = call("export", folder, "--csv", "--out", folder + "/tables")
-            self.assertEqual(exported.returncode, 0, exported.stderr)
-            self.assertGreater(len(exported.stdout.splitlines()), 5)
+        answer = self.answer("run", "two_arms", "--seconds", "2", "--fast", "--json", "--record", self.folder)
+        self.assertEqual(answer.stdout.count("\n"), 1)
+        result = json.loads(answer.stdout)
+        self.assertEqual(result["cycles"], 2000)
+        self.assertEqual(result["overruns"], 0)
+        self.assertEqual(set(result["cycle_us"]), {"median", "p99", "p999", "worst"})
+        self.assertLessEqual(result["cycle_us"]["median"], result["cycle_us"]["worst"])
+        self.assertTrue(result["success"])
+        self.assertEqual(result["records_lost"], 0)
+        self.assertIsNone(result["report"])
+        log = pathlib.Path(result["log"]).read_bytes()
+        self.assertTrue(log.startswith(MAGIC) and log.endswith(MAGIC))
+        repaired = self.answer("repair", self.folder)
+        self.assertIn("nothing changed", repaired.stdout)
+        exported = self.answer("export", self.folder, "--csv", "--out", self.folder / "tables")
+        self.assertGreater(len(exported.stdout.splitlines()), 5)
 
     def test_the_same_scene_gives_the_same_log_twice(self):
         # Tables of states and commands; timing depends on the computer.
-        with tempfile.TemporaryDirectory() as folder:
-            tables = []
-            for name in ("a", "b"):
-                run = call("run", "two_arms", "--seconds", "2", "--fast", "--record", f"{folder}/{name}")
-                self.assertEqual(run.returncode, 0, run.stderr)
-                out = f"{folder}/{name}_tables"
-                self.assertEqual(call("export", f"{folder}/{name}", "--csv", "--out", out).returncode, 0)
-                tables.append(
-                    {
-                        p.name: p.read_bytes()
-                        for p in pathlib.Path(out).glob("*.csv")
-                        if re.search(r"(state|command)\.csv$", p.name)
-                    }
-                )
-            self.assertGreaterEqual(len(tables[0]), 4)
-            self.assertEqual(tables[0], tables[1])
+        tables = []
+        for name in ("a", "b"):
+            self.answer("run", "two_arms", "--seconds", "2", "--fast", "--record", f"{self.folder}/{name}")
+            out = f"{self.folder}/{name}_tables"
+            self.answer("export", f"{self.folder}/{name}", "--csv", "--out", out)
+            found = [path for path in pathlib.Path(out).glob("*.csv") if path.stem.endswith(("state", "command"))]
+            tables.append({path.name: path.read_bytes() for path in found})
+        self.assertGreaterEqual(len(tables[0]), 4)
+        self.assertEqual(tables[0], tables[1])
 
     def test_signals_end_in_hold_with_a_closed_log(self):
         for number in (signal.SIGINT, signal.SIGTERM):
-            with tempfile.TemporaryDirectory() as folder:
-                process = subprocess.Popen(
-                    [PROGRAM, "run", "one_arm", "--seconds", "1000", "--json", "--record", folder],
-                    stdout=subprocess.PIPE,
-                    stderr=subprocess.PIPE,
-                    text=True,
-                )
-                self.wait_for_line(process, " Hz ")  # it is running
-                process.send_signal(number)
-                out, err = process.communicate(timeout=PATIENCE)
-                self.assertEqual(process.returncode, 0, err)
-                result = json.loads(out)
-                self.assertEqual(result["ended_by"], "stopped")
-                self.assertEqual(result["switches"][-1]["started"], [f"{self.arm()}_hold"])
-                self.assertGreater(result["cycles"], 200)
-                log = pathlib.Path(result["log"]).read_bytes()
-                self.assertTrue(log.endswith(MAGIC))
+            words = ["run", "one_arm", "--seconds", "1000", "--json", "--record", self.folder]
+            process = begun(*words, stderr=subprocess.PIPE)
+            self.wait_for_line(process, " Hz ")  # it is running
+            process.send_signal(number)
+            out, err = process.communicate(timeout=PATIENCE)
+            self.assertEqual(process.returncode, 0, err)
+            result = json.loads(out)
+            self.assertEqual(result["ended_by"], "stopped")
+            self.assertEqual(result["switches"][-1]["started"], [f"{self.arm()}_hold"])
+            self.assertGreater(result["cycles"], 200)
+            log = pathlib.Path(result["log"]).read_bytes()
+            self.assertTrue(log.endswith(MAGIC))
 
-    def test_a_second_signal_ends_at_once(self):
-        process = subprocess.Popen(
-            [PROGRAM, "run", "one_arm", "--seconds", "1000"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        self.wait_for_line(process, " Hz ", process.stdout)
+    def test_a_nervous_second_signal_ends_in_hold(self):
+        process = begun("run", "one_arm", "--seconds", "1000", "--json", stderr=subprocess.PIPE)
+        self.wait_for_line(process, " Hz ")
         os.kill(process.pid, signal.SIGSTOP)  # so that both signals are pending before it handles the first
         process.send_signal(signal.SIGINT)
         process.send_signal(signal.SIGTERM)
         os.kill(process.pid, signal.SIGCONT)
-        process.communicate(timeout=PATIENCE)
-        self.assertIn(process.returncode, (128 + signal.SIGINT, 128 + signal.SIGTERM))
+        out, err = process.communicate(timeout=PATIENCE)
+        self.assertEqual(process.returncode, 0, err)
+        self.assertEqual(json.loads(out)["switches"][-1]["started"], [f"{self.arm()}_hold"])
+
+    def test_a_terminal_that_goes_on_takes_no_resume_of_before(self):
+        pid, terminal = pty.fork()
+        if pid == 0:
+            os.execv(PROGRAM, [PROGRAM, "run", "one_arm", "--no-timeline"])
+        text = b""
+        while b"keys: space" not in text or b" Hz" not in text:
+            text += os.read(terminal, 4096)
+        os.write(terminal, b" ")
+        os.kill(pid, signal.SIGSTOP)
+        while any(
+            file.read_text().rpartition(") ")[2][0] != "T" for file in pathlib.Path(f"/proc/{pid}/task").glob("*/stat")
+        ):
+            time.sleep(0.01)
+        os.write(terminal, b"r")
+        time.sleep(1)
+        os.kill(pid, signal.SIGCONT)
+        while b"stood still" not in text:
+            text += os.read(terminal, 4096)
+        time.sleep(0.5)
+        os.write(terminal, b"\x03")
+        try:
+            while piece := os.read(terminal, 4096):
+                text += piece
+        except OSError:  # its end
+            pass
+        self.assertEqual(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), 0, text)
+        self.assertNotIn(b"resume: arm", text)
+
+    def test_keys_count_after_a_shell_had_the_terminal(self):
+        pid, terminal = pty.fork()
+        if pid == 0:
+            os.execv(PROGRAM, [PROGRAM, "run", "one_arm", "--no-timeline"])
+        text = b""
+        while b"keys: space" not in text or b" Hz" not in text:
+            text += os.read(terminal, 4096)
+        os.kill(pid, signal.SIGSTOP)  # Ctrl-Z; then the shell's own settings, as after `fg`
+        settings = termios.tcgetattr(terminal)
+        settings[3] |= termios.ICANON | termios.ECHO
+        termios.tcsetattr(terminal, termios.TCSANOW, settings)
+        os.kill(pid, signal.SIGCONT)
+        while termios.tcgetattr(terminal)[3] & termios.ICANON:
+            time.sleep(0.01)
+        os.write(terminal, b" ")
+        while b"stop: arm" not in text:
+            text += os.read(terminal, 4096)
+        os.write(terminal, b"\x03")
+        try:
+            while os.read(terminal, 4096):
+                pass
+        except OSError:  # its end
+            pass
+        self.assertEqual(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), 0, text)
 
     def arm(self):
         return re.search(r"arm (\w+):", call("check", "one_arm").stdout).group(1)
@@ -217,60 +316,37 @@ class Runs(unittest.TestCase):
         self.fail(f"no line with '{text}'")
 
     def test_move_goes_home_and_to_angles(self):
-        home = call("move", "two_arms", "home", "--fast", "--json")
-        self.assertEqual(home.returncode, 0, home.stderr)
+        self.answer("move", "two_arms", "home", "--fast", "--json")
         goal = ["0.3", "-0.5", "0.1", "-2.2", "-0.1", "1.8", "0.6"]
-        moved = call("move", "two_arms", "--arm", "left", "--fast", "--json", "--speed", "0.2", *goal)
-        self.assertEqual(moved.returncode, 0, moved.stderr)
+        moved = self.answer("move", "two_arms", "--arm", "left", "--fast", "--json", "--speed", "0.2", *goal)
         self.assertIn("arm 'left' reached its goal", moved.stderr)
         self.assertNotIn("right", [i["arm"] for i in json.loads(moved.stdout)["interventions"]])
 
     def test_virtual_arms_run_the_same_scene(self):
-        answer = call("run", "two_arms", "--seconds", "1", "--fast", "--json", "--backend", "virtual")
-        self.assertEqual(answer.returncode, 0, answer.stderr)
-        result = json.loads(answer.stdout)
+        result = self.table("run", "two_arms", "--seconds", "1", "--fast", "--backend", "virtual")
         self.assertEqual((result["backend"], result["cycles"]), ("virtual", 1000))
 
     def test_an_experiment_runs_through_virtual_arms(self):
-        with tempfile.TemporaryDirectory() as folder:
-            answer = call("experiment", "task-1", "--fast", "--repeats", "1", "--backend", "virtual", "--out", folder)
-            self.assertEqual(answer.returncode, 0, answer.stderr)
-            self.assertIn("task-1: passed", answer.stdout)
+        words = ["experiment", "task-1", "--fast", "--repeats", "1", "--backend", "virtual", "--out", self.folder]
+        self.assertIn("task-1: passed", self.answer(*words).stdout)
 
     def test_a_model_is_exported(self):
-        with tempfile.TemporaryDirectory() as folder:
-            own = pathlib.Path(folder) / "own.yaml"
-            own.write_text(
-                "name: own\ntitle: Own\nbase: fer\nmotor_inertia_kg_m2: [1, 1, 1, 1, 0.5, 0.5, 0.25]\n"
-                "link_friction: {viscous_nm_s_per_rad: [1, 2, 3, 4, 5, 6, 7.5]}\n"
-            )
-            answer = call("export", own, "--urdf", "--mjcf", "--hand", "--out", folder)
-            self.assertEqual(answer.returncode, 0, answer.stderr)
-            self.assertEqual(answer.stdout.split(), [f"{folder}/own_hand.urdf", f"{folder}/own_hand.xml"])
-            self.assertIn('armature="0.25" damping="7.5"', pathlib.Path(folder, "own_hand.xml").read_text())
-            answer = call("export", "fer", "--mjcf", "--rotor-hidden", "0.5", "--out", folder)
-            self.assertEqual(answer.returncode, 0, answer.stderr)
-            self.assertIn('armature="0.05"', pathlib.Path(folder, "fer.xml").read_text())
-            self.assertIn('<robot name="own"', pathlib.Path(folder, "own_hand.urdf").read_text())
+        own = self.folder / "own.yaml"
+        own.write_text(
+            "name: own\ntitle: Own\nbase: fer\nmotor_inertia_kg_m2: [1, 1, 1, 1, 0.5, 0.5, 0.25]\n"
+            "link_friction: {viscous_nm_s_per_rad: [1, 2, 3, 4, 5, 6, 7.5]}\n"
+        )
+        answer = self.answer("export", own, "--urdf", "--mjcf", "--hand", "--out", self.folder)
+        self.assertEqual(answer.stdout.split(), [f"{self.folder}/own_hand.urdf", f"{self.folder}/own_hand.xml"])
+        self.assertIn('armature="0.25" damping="7.5"', (self.folder / "own_hand.xml").read_text())
+        answer = self.answer("export", "fer", "--mjcf", "--rotor-hidden", "0.5", "--out", self.folder)
+        self.assertIn('armature="0.05"', (self.folder / "fer.xml").read_text())
+        self.assertIn('<robot name="own"', (self.folder / "own_hand.urdf").read_text())
 
     def test_hidden_plants_are_not_revealed(self):
         # The output is the same with and without hidden plants; only the states differ.
-        words = [
-            "virtual-arm",
-            "one_arm",
-            "--ports",
-            "0",
-            "0",
-            "0",
-            "--seconds",
-            "1",
-            "--json",
-            "--pace",
-            "lockstep",
-            "--idle-stands-still",
-        ]
-        plain, hidden = call(*words), call(*words, "--hidden", "3")
-        self.assertEqual(hidden.returncode, 0, hidden.stderr)
+        words = "virtual-arm one_arm --ports 0 0 0 --seconds 1 --json --pace lockstep --idle-stands-still".split()
+        plain, hidden = self.answer(*words), self.answer(*words, "--hidden", "3")
 
         def said(answer):
             return re.sub(r"\d+", "N", answer.stdout + answer.stderr)
@@ -287,29 +363,14 @@ class Runs(unittest.TestCase):
 
     def test_move_begins_at_the_measured_position_of_a_real_arm(self):
         address = f"127.{64 + os.getpid() // 250 % 64}.{os.getpid() % 250}.77"
-        start = subprocess.Popen(
-            [
-                PROGRAM,
-                "virtual-arm",
-                "one_arm",
-                "--bind",
-                f"arm={address}",
-                "--pace",
-                "lockstep",
-                "--idle-stands-still",
-                "--json",
-            ],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
+        words = ["virtual-arm", "one_arm", "--bind", f"arm={address}", "--pace", "lockstep", "--idle-stands-still"]
+        start = begun(*words, "--json", stderr=subprocess.DEVNULL)
         try:
             self.assertTrue(start.stdout.readline())  # listens
             to = ["--backend", "fci", "--address", f"arm={address}", "--fast", "--speed", "0.2", "--json"]
             # The second move begins where the first one ended, not at the scene's start.
             for goal in (["0.3", "-0.5", "0.1", "-2.2", "-0.1", "1.8", "0.6"], ["home"]):
-                moved = call("move", "one_arm", *to, *goal)
-                self.assertEqual(moved.returncode, 0, moved.stderr)
+                moved = self.answer("move", "one_arm", *to, *goal)
                 self.assertIn("arm 'arm' reached its goal", moved.stderr)
                 self.assertIn(address, json.loads(moved.stdout)["backend"])
         finally:
@@ -317,29 +378,27 @@ class Runs(unittest.TestCase):
             start.communicate(timeout=PATIENCE)
 
     def test_an_ignored_fault_fails(self):
-        with tempfile.TemporaryDirectory() as folder:
-            scene = pathlib.Path(folder) / "fall.yaml"
-            # The end effector leaves its workspace, and the safety stage deactivates the controllet.
-            scene.write_text(
-                "arms:\n  - {name: left, safety: {workspace_min_m: [0, -0.2, 0.2], workspace_max_m: [0.4, 0.2, 0.9]}}\n"
-                "controllets:\n  - {name: pose, type: cartesian_impedance, arms: left}\n"
-                "active: [pose]\ntimeline:\n  - {at_s: 0.1, reference: {controllet: pose, input: pose, "
-                "position_m: [0.55, 0, 0.5], rpy_rad: [pi, 0, 0]}}\n"
-            )
-            answer = call("run", scene, "--fast", "--seconds", "4", "--json")
-            self.assertEqual(answer.returncode, 1, answer.stderr)
-            result = json.loads(answer.stdout)
-            self.assertFalse(result["success"])
-            self.assertEqual(
-                [i["rule"] for i in result["interventions"] if "clamped" not in i["rule"]], ["workspace_limit"]
-            )
-            self.assertEqual(result["cycles"], 4000)  # the arm was held and the run continued
-            lines = re.findall(r"^intervention: (\w+): ([\w ]+) in (\d+) cycle", answer.stderr, re.M)
-            self.assertEqual(len({(arm, rule) for arm, rule, _ in lines}), len(lines))  # one line per rule
-            self.assertEqual(
-                sorted((arm, rule.replace(" ", "_"), int(n)) for arm, rule, n in lines),
-                sorted((i["arm"], i["rule"], i["count"]) for i in result["interventions"]),
-            )
+        scene = self.folder / "fall.yaml"
+        # The end effector leaves its workspace, and the safety stage deactivates the controllet.
+        scene.write_text(
+            "arms:\n  - {name: left, safety: {workspace_min_m: [0, -0.2, 0.2], workspace_max_m: [0.4, 0.2, 0.9]}}\n"
+            "controllets:\n  - {name: pose, type: cartesian_impedance, arms: left}\n"
+            "active: [pose]\ntimeline:\n  - {at_s: 0.1, reference: {controllet: pose, input: pose, "
+            "position_m: [0.55, 0, 0.5], rpy_rad: [pi, 0, 0]}}\n"
+        )
+        answer = self.answer("run", scene, "--fast", "--seconds", "4", "--json", code=1)
+        result = json.loads(answer.stdout)
+        self.assertFalse(result["success"])
+        self.assertEqual(
+            [i["rule"] for i in result["interventions"] if "clamped" not in i["rule"]], ["workspace_limit"]
+        )
+        self.assertEqual(result["cycles"], 4000)  # the arm was held and the run continued
+        lines = re.findall(r"^intervention: (\w+): ([\w ]+) in (\d+) cycle", answer.stderr, re.M)
+        self.assertEqual(len({(arm, rule) for arm, rule, _ in lines}), len(lines))  # one line per rule
+        self.assertEqual(
+            sorted((arm, rule.replace(" ", "_"), int(n)) for arm, rule, n in lines),
+            sorted((i["arm"], i["rule"], i["count"]) for i in result["interventions"]),
+        )
 
     def test_a_terminal_gets_a_table_without_color_on_request(self):
         for no_color in ("", "1"):
@@ -373,13 +432,12 @@ class Runs(unittest.TestCase):
         return text.decode()
 
 
-class LiveCommands(unittest.TestCase):
+class LiveCommands(Calls):
     """A running scene and `multipanda ctl`, in a separate runtime folder."""
 
     def setUp(self):
-        self.folder = tempfile.TemporaryDirectory()
-        self.addCleanup(self.folder.cleanup)
-        self.environment = {"XDG_RUNTIME_DIR": self.folder.name}
+        super().setUp()
+        self.environment = {"XDG_RUNTIME_DIR": str(self.folder)}
         self.runs = []
 
     def tearDown(self):
@@ -388,15 +446,8 @@ class LiveCommands(unittest.TestCase):
             process.communicate(timeout=PATIENCE)
 
     def start(self, *arguments):
-        process = subprocess.Popen(
-            [PROGRAM, "run", *arguments],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env={**os.environ, **self.environment},
-        )
-        self.runs.append(process)
-        return process
+        self.runs.append(begun("run", *arguments, stderr=subprocess.STDOUT, **self.environment))
+        return self.runs[-1]
 
     def socket(self, process):
         for line in process.stdout:
@@ -404,53 +455,45 @@ class LiveCommands(unittest.TestCase):
                 return line.split(": ", 1)[1].strip()
         self.fail("no socket")
 
-    def ctl(self, *arguments):
-        return call("ctl", *arguments, **self.environment)
+    def ctl(self, *words, code=0):
+        return self.answer("ctl", *words, code=code)
 
     def test_a_run_without_its_timeline_takes_commands(self):
         self.socket(self.start("two_arms", "--no-timeline"))
         short = self.ctl("list").stdout
         names = re.findall(r"^[* ] (\w+)", short, re.M)
         self.assertLess(len(short.splitlines()), len(names) + 3)
-        joints = next(c for c in json.loads(self.ctl("list", "--json").stdout)["controllets"] if "joint" in c["type"])
+        joints = next(c for c in self.table("ctl", "list")["controllets"] if "joint" in c["type"])
         full = self.ctl("list", joints["name"]).stdout
         self.assertIn("stiffness_nm_per_rad", full)
         self.assertNotIn("\n  " + next(n for n in names if n != joints["name"]) + " ", full)
-        self.assertEqual(self.ctl("list", joints["name"] + "x").returncode, 2)
+        self.ctl("list", joints["name"] + "x", code=2)
         for values in (["60,60,60,60,30,30,30"], ["60", "60", "60", "60", "30", "30", "30"]):
             answer = self.ctl("parameter", joints["name"], "stiffness_nm_per_rad", *values)
-            self.assertEqual(answer.returncode, 0, answer.stderr)
-        answer = self.ctl("reference", joints["name"], joints["inputs"][0]["name"], "q_rad=0.1,0.2")
-        self.assertEqual(answer.returncode, 2)
-        self.assertIn("expected a list of 7 numbers, found a list of 2", answer.stderr)
+        answer = self.ctl("reference", joints["name"], joints["inputs"][0]["name"], "q_rad=0.1,0.2", code=2)
+        self.assertIn("expected 7 numbers, found 2", answer.stderr)
         arm = joints["arms"][0]
-        for value, note in (("on", ""), ("released", "use 'off'")):
-            answer = self.ctl("user-stop", arm, value)
-            self.assertEqual(answer.returncode, 0, answer.stderr)
-            self.assertIn(note, answer.stderr)
-        state = json.loads(self.ctl("state", "--json").stdout)["state"]
+        for value in ("on", "off"):
+            self.ctl("user-stop", arm, value)
+        state = self.table("ctl", "state")["state"]
         self.assertEqual([a["error_names"] for a in state["arms"]], [[], []])
         self.assertGreater(state["cycle"], 0)
 
     def test_objects_keep_their_orientation_and_a_missed_grasp_is_explained(self):
         self.socket(self.start("grippers", "--no-timeline"))
-        answer = self.ctl("place", "box", "position_m=0.6,0.4,0.1")
-        self.assertEqual(answer.returncode, 0, answer.stderr)
-        answer = self.ctl("gripper", "left", "grasp", "--width", "0.04")
-        self.assertEqual(answer.returncode, 1)
+        self.ctl("place", "box", "position_m=0.6,0.4,0.1")
+        answer = self.ctl("gripper", "left", "grasp", "--width", "0.04", code=1)
         self.assertIn("nothing of that width was grasped", answer.stderr)
 
     def test_a_payload_above_the_rating_is_refused(self):
         self.socket(self.start("one_arm", "--no-timeline"))
-        arm = json.loads(self.ctl("list", "--json").stdout)["arms"][0]
+        arm = self.table("ctl", "list")["arms"][0]
         name = arm["name"] if isinstance(arm, dict) else arm
-        answer = self.ctl("load", name, "mass_kg=50")
-        self.assertEqual(answer.returncode, 1, answer.stdout)
+        answer = self.ctl("load", name, "mass_kg=50", code=1)
         self.assertRegex(answer.stderr, r"a payload of 50 kg is too heavy for arm '.+': at most 2\.\d+ kg beside hand")
         self.assertIn("largest_load_kg", answer.stderr)
         before = self.positions()
         answer = self.ctl("load", name, "mass_kg=0.3")
-        self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertRegex(
             answer.stdout,
             rf"{name}: a payload of 0\.3 kg is declared: with hand and tool \(0\.71\d* kg\) the flange carries "
@@ -459,21 +502,20 @@ class LiveCommands(unittest.TestCase):
         self.assertLess(abs(self.positions()[3] - before[3]), 0.1)  # not thrown up
 
     def test_goals_beyond_the_limits_of_the_scene_are_refused(self):
-        scene = pathlib.Path(self.folder.name) / "tight.yaml"
+        scene = self.folder / "tight.yaml"
         text = "arms: [{name: left, safety: {position_max_rad: [0.5, 0.5, 0.5, -1, 0.5, 2.5, 1.5]}}]\n"
         scene.write_text(text + "controllets: [{name: joints, type: joint_impedance, arms: left}]\nactive: [joints]\n")
         self.socket(self.start(str(scene)))
         q = self.positions()
         for first, accepted in ((0.49, True), (0.51, False)):  # the manufacturer's limit is 2.7 rad
             goal = ",".join(str(x) for x in [first, *q[1:]])
-            answer = self.ctl("reference", "joints", "joints", f"q_rad={goal}")
-            self.assertEqual(answer.returncode, 0 if accepted else 1, answer.stderr)
+            answer = self.ctl("reference", "joints", "joints", f"q_rad={goal}", code=0 if accepted else 1)
             if not accepted:
-                self.assertRegex(answer.stderr, r"joint 1: 0\.51 rad is outside of .+ to 0\.5 rad")
+                self.assertRegex(answer.stderr, r"joint1: 0\.51 rad is outside of .+ to 0\.5 rad")
 
     def positions(self):
         """Joint positions of the first arm, from the first cycle on."""
-        while not (arms := json.loads(self.ctl("state", "--json").stdout)["state"]["arms"]):
+        while not (arms := self.table("ctl", "state")["state"]["arms"]):
             self.assertIsNone(self.runs[-1].poll())
         return arms[0]["q_rad"]
 
@@ -482,7 +524,59 @@ class LiveCommands(unittest.TestCase):
         sockets = {self.socket(first), self.socket(second)}
         self.assertEqual(len(sockets), 2)
         for path in sockets:
-            self.assertEqual(self.ctl("--socket", path, "state").returncode, 0)
+            self.ctl("--socket", path, "state")
+
+    def test_stop_reaches_all_runs_of_the_computer(self):
+        if not os.environ.get("MULTIPANDA_ALONE"):  # in a network namespace of its own, whose sockets it sees only
+            words = ["unshare", "-rn", sys.executable, "-B", __file__, PROGRAM, self.id().removeprefix("__main__.")]
+            try:
+                alone = subprocess.run(
+                    words, capture_output=True, text=True, env=os.environ | {"MULTIPANDA_ALONE": "1"}
+                )
+            except FileNotFoundError:
+                self.skipTest("there is no unshare")
+            if "unshare:" in alone.stderr:
+                self.skipTest(alone.stderr.strip())
+            return self.assertEqual(alone.returncode, 0, alone.stderr)
+        elsewhere = self.folder / "else where"
+        elsewhere.mkdir()
+        first = self.socket(self.start("one_arm", "--no-timeline"))
+        second = self.socket(self.start("two_arms", "--no-timeline", "--socket", str(elsewhere / "x")))
+        other = {"XDG_RUNTIME_DIR": str(elsewhere)}
+
+        def stopped(path):
+            return [arm["stopped"] for arm in self.table("ctl", "--socket", path, "state")["state"]["arms"]]
+
+        def resume():
+            for path in (first, second):
+                self.ctl("--socket", path, "resume")
+
+        self.positions()
+        answer = call("ctl", "stop", **other)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertEqual((stopped(first), stopped(second)), ([True], [True, True]), answer.stdout)
+        resume()
+        answer = call("ctl", "stop", "lefd", "--json", **other)  # an arm of neither
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        for line in answer.stdout.splitlines():
+            self.assertIn("there is no arm 'lefd'", json.loads(line)["message"])
+        self.assertEqual((stopped(first), stopped(second)), ([True], [True, True]))
+        resume()
+        answer = call("ctl", "--socket", str(elsewhere / "y"), "stop", **other)
+        self.assertEqual(answer.returncode, 1)
+        self.assertIn("all runs are stopped", answer.stderr)
+        self.assertEqual((stopped(first), stopped(second)), ([True], [True, True]))
+        resume()
+        answer = call("ctl", "--socket", second, "stop", "left")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertEqual((stopped(first), stopped(second)), ([False], [True, False]))
+        # A run that stands still keeps nobody else from stopping, and stops when it goes on.
+        resume()
+        os.kill(self.runs[0].pid, signal.SIGSTOP)
+        answer = call("ctl", "stop", **other)
+        os.kill(self.runs[0].pid, signal.SIGCONT)
+        self.assertEqual(answer.returncode, 1)
+        self.assertEqual((stopped(first), stopped(second)), ([True], [True, True]))
 
     def test_every_command_of_ctl_has_an_example_of_its_own(self):
         for name in re.findall(r"^  ([\w-]+) {2,}\S", call("ctl", "--help").stdout.split("Subcommands:")[1], re.M):
@@ -491,91 +585,62 @@ class LiveCommands(unittest.TestCase):
             self.assertIn(f"multipanda ctl {name}", footer)
 
 
-class Refusals(unittest.TestCase):
+class Refusals(Calls):
     def test_a_folder_is_not_a_scene(self):
-        with tempfile.TemporaryDirectory() as folder:
-            answer = call("check", folder)
-            self.assertEqual(answer.returncode, 2)
-            self.assertIn("this is a folder", answer.stderr)
+        self.assertIn("this is a folder", self.answer("check", self.folder, code=2).stderr)
 
     def test_an_event_after_the_end_is_named(self):
-        with tempfile.TemporaryDirectory() as folder:
-            scene = pathlib.Path(folder) / "late.yaml"
-            scene.write_text("duration_s: 2\narms: [{name: left}]\ntimeline: [{at_s: 5, stop: left}]\n")
-            self.assertIn(
-                "warning: the scene ends at 2 s: 1 event from 5 s on never happens", call("check", scene).stdout
-            )
-            events = ", ".join(f"{{at_s: {t}, stop: left}}" for t in (1, 2, 3.5))
-            scene.write_text(f"duration_s: 2\narms: [{{name: left}}]\ntimeline: [{events}]\n")
-            self.assertIn("ends at 2 s: 2 events from 2 s on never happen\n", call("check", scene).stdout)
-            scene.write_text("duration_s: 2\narms: [{name: left}]\ntimeline: [{at_s: 1.9, stop: left}]\n")
-            self.assertNotIn("warning", call("check", scene).stdout)
-
-    def test_a_key_without_effect_is_noted_once(self):
-        address = f"127.{64 + os.getpid() // 250 % 64}.{os.getpid() % 250}.78"
-        with tempfile.TemporaryDirectory() as folder:
-            scene = pathlib.Path(folder) / "old.yaml"
-            scene.write_text(f"arms:\n  - {{name: left, fci: {{address: {address}, rate_limit: true}}}}\n")
-            words = ["virtual-arm", str(scene), "--bind", f"left={address}", "--pace", "lockstep", "--json"]
-            pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-            with subprocess.Popen([PROGRAM, *words], text=True, **pipes) as arm:
-                try:
-                    self.assertTrue(arm.stdout.readline())  # listens
-                    answer = call("run", scene, "--fast", "--seconds", "0.1", "--record", folder)
-                finally:
-                    arm.terminate()
-            self.assertEqual(answer.returncode, 0, answer.stderr)
-            text = answer.stdout + answer.stderr
-            self.assertEqual(text.count("'fci: rate_limit' has no effect"), 1, text)
+        scene = self.folder / "late.yaml"
+        scene.write_text("duration_s: 2\narms: [{name: left}]\ntimeline: [{at_s: 5, stop: left}]\n")
+        self.assertIn("warning: the scene ends at 2 s: 1 event from 5 s on never happens", call("check", scene).stdout)
+        events = ", ".join(f"{{at_s: {t}, stop: left}}" for t in (1, 2, 3.5))
+        scene.write_text(f"duration_s: 2\narms: [{{name: left}}]\ntimeline: [{events}]\n")
+        self.assertIn("ends at 2 s: 2 events from 2 s on never happen\n", call("check", scene).stdout)
+        scene.write_text("duration_s: 2\narms: [{name: left}]\ntimeline: [{at_s: 1.9, stop: left}]\n")
+        self.assertNotIn("warning", call("check", scene).stdout)
 
     def test_a_refused_experiment_leaves_no_folder(self):
         root = pathlib.Path(__file__).resolve().parent.parent
-        with tempfile.TemporaryDirectory() as folder:
-            file = pathlib.Path(folder) / "mine.yaml"
-            out = pathlib.Path(folder) / "out"
-            head = f"title: mine\nscene: {root}/experiments/scenes/task_1.yaml\n"
-            for text, expected in (
-                ("limits: [{metric: x_rsme_m, at_most: 1}]\n", "'x_rmse_m'"),
-                ("set: {controllets.joins.parameters.x: 1}\n", "leads nowhere"),
-                ("set: {duration_s: 0.2}\n", "the scene ends before this event"),
-            ):
-                file.write_text(head + text)
-                answer = call("experiment", file, "--fast", "--out", out)
-                self.assertEqual(answer.returncode, 2, answer.stderr)
-                self.assertIn(expected, answer.stderr)
-                self.assertEqual(list(out.iterdir()) if out.exists() else [], [])
+        file = self.folder / "mine.yaml"
+        out = self.folder / "out"
+        head = f"title: mine\nscene: {root}/experiments/scenes/task_1.yaml\n"
+        for text, expected in (
+            ("limits: [{metric: x_rsme_m, at_most: 1}]\n", "'x_rmse_m'"),
+            ("set: {controllets.joins.parameters.x: 1}\n", "does not exist"),
+            ("set: {duration_s: 0.2}\n", "the scene ends before this event"),
+        ):
+            file.write_text(head + text)
+            self.assertIn(expected, self.answer("experiment", file, "--fast", "--out", out, code=2).stderr)
+            self.assertEqual(list(out.iterdir()) if out.exists() else [], [])
 
     def test_parameters_of_a_scene_are_listed_for_its_joints(self):
-        answer = call("list", "parameters", "joint_impedance", "--scene", "two_arms")
-        self.assertEqual(answer.returncode, 0, answer.stderr)
+        answer = self.answer("list", "parameters", "joint_impedance", "--scene", "two_arms")
         for values in re.findall(r"default \[(.*)\]", answer.stdout):
             self.assertEqual(len(values.split(",")), 7)
 
 
-class Demo(unittest.TestCase):
+class Demo(Calls):
     def test_fast_demo(self):
-        with tempfile.TemporaryDirectory() as folder:
-            answer = call("demo", "--fast", "--json", "--record", folder)
-            self.assertEqual(answer.returncode, 0, answer.stderr)
-            result = json.loads(answer.stdout)
-            self.assertEqual(result["cycles"], 20000)
-            self.assertEqual(result["records_lost"], 0)
-            self.assertEqual(result["faults"], [])
-            started = [s["started"] for s in result["switches"]]
-            self.assertEqual(started[0], ["left_pose", "right_pose"])
-            for expected in (["left_joints"], ["both_dual"], ["both_coupled"], ["left_hold"]):
-                self.assertIn(expected, started)
-            kept = next(s for s in result["switches"] if s["started"] == ["left_joints"])["kept"]
-            self.assertEqual(kept, ["right_pose"])
-            self.assertEqual(
-                [(i["arm"], i["rule"]) for i in result["interventions"] if "clamped" not in i["rule"]],
-                [("left", "torque_not_finite")],
-            )
-            self.assertIn("bit by bit those of a run without it", answer.stderr)
-            page = pathlib.Path(result["report"])
-            self.assertGreater(page.stat().st_size, 10000)
-            self.assertTrue(answer.stderr.rstrip().splitlines()[-1].endswith(str(page)))
-            self.assertTrue(pathlib.Path(result["log"]).read_bytes().endswith(MAGIC))
+        answer = self.answer("demo", "--fast", "--json", "--record", self.folder)
+        result = json.loads(answer.stdout)
+        self.assertEqual(result["cycles"], 20000)
+        self.assertEqual(result["records_lost"], 0)
+        self.assertEqual(result["faults"], [])
+        started = [s["started"] for s in result["switches"]]
+        self.assertEqual(started[0], ["left_pose", "right_pose"])
+        for expected in (["left_joints"], ["both_dual"], ["both_coupled"], ["left_hold"]):
+            self.assertIn(expected, started)
+        kept = next(s for s in result["switches"] if s["started"] == ["left_joints"])["kept"]
+        self.assertEqual(kept, ["right_pose"])
+        self.assertEqual(
+            [(i["arm"], i["rule"]) for i in result["interventions"] if "clamped" not in i["rule"]],
+            [("left", "torque_not_finite")],
+        )
+        self.assertIn("bit by bit those of a run without it", answer.stderr)
+        page = pathlib.Path(result["report"])
+        self.assertGreater(page.stat().st_size, 10000)
+        self.assertTrue(answer.stderr.rstrip().splitlines()[-1].endswith(str(page)))
+        self.assertTrue(pathlib.Path(result["log"]).read_bytes().endswith(MAGIC))
 
 
 if __name__ == "__main__":

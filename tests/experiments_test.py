@@ -19,7 +19,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "python"))
 os.environ["PYTHONPATH"] = str(ROOT / "python")  # of workers
 
-import multipanda as mp  # noqa: E402  the path comes first
+import multipanda as mp
 
 
 def variants_of(program, name):

@@ -70,10 +70,10 @@ class Identify(unittest.TestCase):
         self.assertEqual(len(result["base_parameters"]["values"][0]), 5)
         names = [m["name"] for m in result["models_beside"]]
         self.assertIn("fer", names)
-        self.assertIn("fer_maker", names)
+        self.assertIn("fr3", names)
         self.assertLess(taken, 60)  # 45 s on an idle machine
         html = (page / "identification.html").read_text(encoding="utf-8")
-        for part in ("<html", "What the model is worth", "unconstrained", "hardly constrained"):
+        for part in ("<html", "Quality of the model", "unconstrained", "hardly constrained"):
             self.assertIn(part, html)
         for picture in ("models.png", "torque_0.png"):
             self.assertTrue((page / picture).read_bytes().startswith(b"\x89PNG"))
@@ -88,6 +88,56 @@ class Identify(unittest.TestCase):
         self.assertAlmostEqual(prediction["rmse_mean"], result["rmse_all"]["mean"], places=6)
         self.assertEqual(len(prediction["rmse_unfiltered"]), 7)
         self.assertGreater(prediction["models"][1]["rmse_mean"], 4 * prediction["rmse_mean"])
+
+    def changed(self, name, change):
+        """The real log with other columns: change(names, rows)."""
+        with open(DATA, encoding="utf-8") as file:
+            names, *rows = [line.split(",") for line in file.read().split()]
+        change({column: k for k, column in enumerate(names)}, rows)
+        file = self.path / name
+        file.write_text("\n".join(",".join(row) for row in [names, *rows]) + "\n", encoding="utf-8")
+        return file
+
+    @unittest.skipUnless(DATA.exists(), f"no {DATA}")
+    def test_a_model_that_is_not_of_this_log_is_warned_of_with_what_fits(self):
+        def exchange(at, rows):
+            for row in rows:
+                for kind in ("q", "dq", "tau"):
+                    a, b = at[f"{kind}1"], at[f"{kind}3"]
+                    row[a], row[b] = row[b], row[a]
+
+        def delay(at, rows):
+            late = [[row[at[f"tau{j}"]] for j in range(1, 8)] for row in rows]
+            for row, torques in zip(rows, [late[0]] * 100 + late):
+                for j in range(7):
+                    row[at[f"tau{j + 1}"]] = torques[j]
+
+        hand = DATA.with_name("fr3_circle_2.csv")
+        for words, said in (
+            ((DATA, "--model", "fer"), None),
+            ((hand, "--model", "fr3", "--hand"), None),
+            ((hand, "--model", "fer", "--hand"), "robot 'fr3' or 'fr3v2' would leave 0.3"),
+            ((DATA, "--model", "fer", "--hand"), "no hand would leave 0.3"),
+            ((hand, "--model", "fr3"), "the hand, which --hand declares would leave 0."),
+            ((self.changed("exchanged.csv", exchange), "--model", "fer"), "joints 1 and 3 exchanged would leave 0.3"),
+            ((self.changed("late.csv", delay), "--model", "fer"), r"torques that are 1[01]0 ms late would leave 0.3"),
+        ):
+            done = call("predict", *words)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            told = done.stdout + done.stderr
+            self.assertEqual("expected at most 0.8 and 1.5" in told, said is not None, told)
+            self.assertRegex(told, said or "mean")
+
+    @unittest.skipUnless(DATA.exists(), f"no {DATA}")
+    def test_prediction_outside_of_the_identified_motion_is_warned_of(self):
+        model = self.path / "panda.yaml"
+        half = self.changed("half.csv", lambda at, rows: rows.__delitem__(slice(3500, None)))
+        done = call("identify", half, "--robot", "fer", "--family", "offset", "--out", model)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        told = call("predict", half, "--model", model)
+        self.assertNotIn("leaves the motion", told.stdout + told.stderr)
+        told = call("predict", DATA, "--model", model)
+        self.assertRegex(told.stdout + told.stderr, r"leaves the motion from which panda was .*joint \d by 0\.\d\d rad")
 
     def record(self, name, base):
         scene = self.path / f"{name}.yaml"

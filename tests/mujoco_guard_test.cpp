@@ -129,6 +129,8 @@ TEST_F(MujocoGuard, ArmsOnATorso) {
     for (const auto& second : names[1]) {
       // The carrier's hand would sweep an arm that no Cartesian law keeps in the world.
       if (first.starts_with("cartesian") && !second.starts_with("cartesian")) continue;
+      // So would any law that is not led by hand an arm that is.
+      if (second.starts_with("gravity_compensation") && first != "gravity_compensation_a") continue;
       for (const auto& name : {second, first}) {
         const Request request{.activate = bit(modes.find(name))};
         std::uint64_t ticket = 0;

@@ -14,8 +14,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "backends/simulated_arm/kinematic_chain.hpp"
-#include "config_file/node.hpp"
+#include "backends/simulated_arm/inverse_kinematics.hpp"
 #include "core/geometry/distance.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/testing/test_arm.hpp"
@@ -26,6 +25,7 @@
 #include "runtime/session.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
+#include "yaml_reader/node.hpp"
 
 namespace multipanda::other_robots_test {
 namespace {

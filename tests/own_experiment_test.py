@@ -1,4 +1,4 @@
-"""The experiment of the tutorial, as the tutorial runs it: own_experiment_test.py PROGRAM."""
+"""The experiment of the documentation, as the page runs it: own_experiment_test.py PROGRAM."""
 
 import json
 import pathlib
@@ -42,9 +42,9 @@ class OwnExperiment(unittest.TestCase):
         self.assertIn("FAILED", done.stdout)
         self.assertEqual({limit["passed"] for limit in results["limits"] if limit["metric"] == "x_rmse_m"}, {False})
 
-    def test_the_tutorial_shows_the_file(self):
-        """Each line of the tutorial's excerpt is a line of the file."""
-        page = (ROOT / "docs" / "tutorials" / "own_experiment.md").read_text()
+    def test_the_page_shows_the_file(self):
+        """Each line of the page's excerpt is a line of the file."""
+        page = (ROOT / "docs" / "experiments.md").read_text()
         (excerpt,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
         lines = [line.split("  #")[0].rstrip() for line in EXPERIMENT.read_text().splitlines()]
         for line in excerpt.splitlines():

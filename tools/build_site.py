@@ -18,7 +18,7 @@ import sys
 from project_files import ROOT
 
 REQUIREMENTS = ROOT / "requirements-docs.txt"
-# What a page would fetch when it is opened: scripts, styles, fonts, images, frames. Links to click are none of it.
+# What a page would fetch when opened: scripts, styles, fonts, images, frames. Links do not count.
 FETCHED = re.compile(
     r"<(?:script|img|iframe|source|video|audio)\b[^>]*?\ssrc=[\"']?(?P<src>(?:https?:)?//[^\"'\s>]+)"
     r"|<link\b[^>]*?\shref=[\"']?(?P<href>(?:https?:)?//[^\"'\s>]+)"
@@ -28,11 +28,14 @@ FETCHED = re.compile(
 
 
 class SiteError(Exception):
-    """Why there is no site, and what to do."""
+    """The reason why there is no site, and the remedy."""
 
 
-def environment(folder, requirements=REQUIREMENTS):
-    """The interpreter of an environment with the requirements; makes it if it is missing or older than they are."""
+def environment(folder, requirements=REQUIREMENTS, *options):
+    """The interpreter of an environment with the requirements; makes it if it is missing or older than they are.
+
+    `options` are pip's.
+    """
     python = folder / "bin" / "python"
     stamp = folder / ".complete"
     key = f"{folder} {sys.version_info[:2]} {hashlib.sha256(requirements.read_bytes()).hexdigest()}"
@@ -43,7 +46,7 @@ def environment(folder, requirements=REQUIREMENTS):
     folder.parent.mkdir(parents=True, exist_ok=True)
     log = folder.parent / f"{folder.name}.log"
     install = [python, "-I", "-m", "pip", "--disable-pip-version-check", "--no-input", "install"]
-    install += ["--require-hashes", "--only-binary=:all:", "-r", requirements]
+    install += ["--require-hashes", "--only-binary=:all:", *options, "-r", requirements]
     with open(log, "wb") as out:
         for command in ([sys.executable, "-I", "-m", "venv", "--clear", folder], install):
             if subprocess.run(command, stdout=out, stderr=subprocess.STDOUT, check=False).returncode != 0:
@@ -53,8 +56,8 @@ def environment(folder, requirements=REQUIREMENTS):
                     else "see the log"
                 )
                 raise SiteError(
-                    f"the packages of {requirements.name} could not be installed ({what}: {log}). The first build of the"
-                    " site needs a package index: check the network and `pip config list`, then try again"
+                    f"the packages of {requirements.name} could not be installed ({what}: {log}). The first build of "
+                    "the site needs a package index: check the network and `pip config list`, then try again"
                 )
     stamp.write_text(key)
     return python

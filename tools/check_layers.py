@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Checks the whole tree against the table of layers (tools/layers.py); prints file:line for each fault, ends with 1.
 
-    check_layers.py [FOLDER]   check the includes, the links of CMake targets and the pages that show the table
-    check_layers.py --write    write the table into those pages
+    check_layers.py [FOLDER]   check the includes, the links of CMake targets and the page that shows the table
+    check_layers.py --write    write the table into that page
 
 Besides the table: core includes no simulator, middleware or stream. Pinocchio, half a minute of compiling per file,
 stays in the source files of core/model. Folders named testing/ hold test support: only tests may include
@@ -21,7 +21,7 @@ INCLUDE = re.compile(r'\s*#\s*include\s*([<"])([^>"]+)[>"]')
 TEST_SUPPORT = re.compile(r"(^|/)testing/")
 TEST = re.compile(rf"_test\.(cpp|hpp)$|^tests/|^ros/tests/|{TEST_SUPPORT.pattern}")
 NOT_IN_CORE = re.compile(r"(mujoco|spdlog|yaml-cpp|nlohmann|rcl\w*|rmw|rosidl\w*|\w+_msgs)/|iostream$|fstream$")
-PAGES = ["docs/architecture.md", "CONTRIBUTING.md"]
+PAGE = "docs/architecture.md"
 BEGIN, END = "<!-- layers: written by tools/check_layers.py --write -->", "<!-- end of layers -->"
 
 
@@ -55,7 +55,7 @@ def fault_of(file, opener, target, root):
     if opener == "<" or (root / file).parent.joinpath(target).is_file() and not in_core:
         return None
     other = layer_of(target)
-    if other is None:  # a header that the build makes, or one of another ROS package
+    if other is None:  # a generated header, or one of another ROS package
         return f'"{target}" is outside core: write the path from the root ("core/...")' if in_core else None
     if TEST_SUPPORT.search(target) and not is_test:
         return f'"{target}" is test support: only tests may include it'
@@ -63,7 +63,7 @@ def fault_of(file, opener, target, root):
         return f'"{target}" is private to core/model: it includes Pinocchio'
     if layer.folder == "tests" or allowed(layer, other, layer.uses):
         return None
-    # A test drives what it tests through the layers above it in the same folder.
+    # A test may drive its subject through higher layers of the same folder.
     if is_test and (allowed(layer, other, layer.tests_use) or in_core and allowed(layer, other, ("core", "models"))):
         return None
     if is_test and any(allowed(NAMES[use], other, NAMES[use].uses) for use in layer.uses if use in NAMES):
@@ -111,7 +111,7 @@ KEYWORD = re.compile(r"^(SHARED|STATIC|MODULE|OBJECT|INTERFACE|PUBLIC|PRIVATE|[A
 
 
 def check_links(root):
-    """Faults of CMake targets: sources that none has; test support linked by a target without tests."""
+    """Faults of CMake targets: sources without target; test support linked by other targets than tests."""
     listed, links, tests = set(), {}, set()
     for path in project_files(root, {".txt"}):
         if path.name != "CMakeLists.txt":
@@ -158,38 +158,31 @@ def uses_text(layer):
     return ", ".join(layer.uses)
 
 
-def table(page):
-    """The table as Markdown, with links that fit the page's folder."""
-    lines = ["| folder | role | may use |", "|---|---|---|"]
-    for layer in LAYERS:
-        role = layer.role.replace("](docs/", "](") if page.startswith("docs/") else layer.role
-        uses = "everything" if layer.folder == "tests" else uses_text(layer) or "–"
-        lines.append(f"| `{layer.folder}` | {role} | {uses} |")
-    return "\n".join(lines)
+def table():
+    """The layers as a Markdown list, with links as the page needs them."""
+    links = [layer.role.replace("](", "](../").replace("](../docs/", "](") for layer in LAYERS]
+    return "\n".join(f"- `{layer.folder}`: {role}" for layer, role in zip(LAYERS, links))
 
 
-def with_table(page, text):
+def with_table(text):
     """The page's text with today's table between its markers."""
     return re.sub(
-        rf"({re.escape(BEGIN)}\n).*?({re.escape(END)})", lambda m: f"{m[1]}{table(page)}\n{m[2]}", text, flags=re.S
+        rf"({re.escape(BEGIN)}\n).*?({re.escape(END)})", lambda m: f"{m[1]}{table()}\n{m[2]}", text, flags=re.S
     )
 
 
-def check_pages(root):
-    faults = []
-    for page in PAGES:
-        text = (root / page).read_text(encoding="utf-8")
-        if BEGIN not in text:
-            faults.append(f"{page}:1: has no line '{BEGIN}'")
-        elif with_table(page, text) != text:
-            faults.append(f"{page}:1: its table of layers is out of date; run tools/check_layers.py --write")
-    return faults
+def check_page(root):
+    text = (root / PAGE).read_text(encoding="utf-8")
+    if BEGIN not in text:
+        return [f"{PAGE}:1: has no line '{BEGIN}'"]
+    if with_table(text) != text:
+        return [f"{PAGE}:1: its table of layers is out of date; run tools/check_layers.py --write"]
+    return []
 
 
-def write_pages(root):
-    for page in PAGES:
-        path = root / page
-        path.write_text(with_table(page, path.read_text(encoding="utf-8")), encoding="utf-8")
+def write_page(root):
+    path = root / PAGE
+    path.write_text(with_table(path.read_text(encoding="utf-8")), encoding="utf-8")
 
 
 def check(root):
@@ -198,8 +191,8 @@ def check(root):
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["--write"]:
-        write_pages(ROOT)
+        write_page(ROOT)
         sys.exit(0)
-    found = check(pathlib.Path(sys.argv[1]).resolve()) if len(sys.argv) > 1 else check(ROOT) + check_pages(ROOT)
+    found = check(pathlib.Path(sys.argv[1]).resolve()) if len(sys.argv) > 1 else check(ROOT) + check_page(ROOT)
     print("\n".join(found) or "every file includes only what its layer may use")
     sys.exit(1 if found else 0)

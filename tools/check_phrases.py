@@ -20,7 +20,7 @@ SUFFIXES = {
     ".py", ".sh", ".srv", ".toml", ".ts", ".txt", ".xacro", ".xml", ".yaml", ".yml",
 }  # fmt: skip
 SKIPPED = re.compile(
-    r"^(CHANGELOG\.md|LICENSE|cockpit/page/package-lock\.json|tools/check_phrases\.py|ros/vendored_interfaces/.*|packages/licenses/.*|requirements.*\.txt|.*/generated/.*)$"
+    r"^(CHANGELOG\.md|LICENSE|cockpit/page/package-lock\.json|tools/check_phrases\.py|ros/vendored_interfaces/.*|packaging/licenses/.*|requirements.*\.txt|.*/generated/.*)$"
 )
 QUOTED = "phrases: quoted"
 GLOSSARY = re.compile(r"(?<=## Terms\n).*?(?=\n## )", re.S)  # CONVENTIONS.md names the phrases that it replaces

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Checks paths in the project's texts; prints file:line for each fault, ends with 1 if there is one.
 
-A path of somebody's machine works for its author only. A link of a page must lead to a file, and to a heading of it. A
+Paths of one machine are refused. A link of a page must lead to a file, and to one of its headings. A
 promise of docs/promises.md and a row of docs/paper.md must name tests, and the sources must have them.
 """
 
@@ -11,7 +11,7 @@ import sys
 
 from project_files import ROOT, project_files
 
-# Put together from pieces, so that this file passes its own check.
+# Assembled from pieces, so that this file passes its own check.
 FORBIDDEN = re.compile(
     "|".join(
         [

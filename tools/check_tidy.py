@@ -35,13 +35,13 @@ def main():
         for p in project_files(ROOT, {".cpp"})
         if p.parent.parent == ROOT / "core" and p.parent.name in QUICK and not p.stem.endswith("_test")
     ]
-    # gcc's precompiled headers mean nothing to clang: each file is read without them.
+    # clang cannot use gcc's precompiled headers: each file is parsed without them.
     commands = {entry["file"]: entry for entry in single_files(build)}
     files = [f for f in files if str(f) in commands]
     if not files:
         print("none of these files is in the build, nothing would be checked")
         return 1
-    # Most of the time goes into other people's headers, so the files of a folder are read as one.
+    # Parsing external headers dominates, so the files of a folder are parsed as one.
     own = tempfile.TemporaryDirectory()
     batches = []
     for folder in sorted({f.parent for f in files}):
@@ -55,7 +55,7 @@ def main():
     checked = re.search(r"HeaderFilterRegex: '\((.*)\)", (ROOT / ".clang-tidy").read_text()).group(1)
 
     def tidy(batch):
-        # gcc's own options mean nothing to clang, either.
+        # clang does not know gcc's options, either.
         options = [
             "--quiet",
             "--extra-arg=-Qunused-arguments",

@@ -17,7 +17,7 @@ def cached(build, name):
 def single_files(build):
     """Configures build/lint next to the build in `build` (nothing is compiled); returns its compile commands.
 
-    Headers that the build makes are those of `build`: its paths replace those of build/lint.
+    Generated headers are those of `build`: its paths replace those of build/lint.
     """
     build = pathlib.Path(build).resolve()
     lint = build / "lint"

@@ -40,7 +40,7 @@ TARGETS = (
     "tests/collision_approach_test",
     "tests/collision_objects_test",
     "tests/contact_press_test",
-    "tests/descriptor_docs_test",
+    "scene/scene_test",
     "tests/coupled_interaction_test",
     "tests/friction_compensation_test",
     "tests/hold_figures_test",
@@ -77,7 +77,7 @@ constexpr bool on(int id) { return !std::is_constant_evaluated() && runs(id); }
 """
 
 RELATIONS = {"<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "==", "&&": "||", "||": "&&"}
-# Of real numbers, `<` and `<=` differ at one point, which no measured value hits.
+# For real numbers `<` and `<=` differ at one point, which measured values do not hit.
 RELATIONS_OF_REALS = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}
 ARITHMETIC = {"+": "-", "-": "+", "*": "/", "/": "*", "&": "|", "|": "&"}
 ASSIGNMENTS = {"+=": "-=", "-=": "+=", "*=": "/=", "/=": "*=", "|=": "&=", "&=": "|="}
@@ -87,7 +87,7 @@ NAMES = (K.DECL_REF_EXPR, K.MEMBER_REF_EXPR, K.OVERLOADED_DECL_REF, K.TYPE_REF, 
 
 
 class Edits:
-    """Changes of one file: nested extents, each with functions from its inner text to its new text."""
+    """Changes of one file: nested extents, each with functions that map its inner text to new text."""
 
     def __init__(self, text, first_id):
         self.text, self.next_id, self.mutants, self.nodes = text, first_id, [], {}
@@ -105,7 +105,7 @@ class Edits:
                 (s, e), makes = nodes[0]
                 inner = [n for n in nodes[1:] if n[0][1] <= e and n[0][0] >= s]
                 text = render(s, e, inner)
-                for make in reversed(makes):  # of one extent, the outer expression was added first
+                for make in reversed(makes):  # for equal extents the outer expression was added first
                     text = make(text)
                 out += [self.text[at:s], text]
                 at = e
@@ -157,11 +157,11 @@ def find_mutants(path, text, unit, first_id):
         ):
             return
         s, e = span(cursor)
-        if text[:s].rstrip().endswith(b"[[noreturn]]"):  # a program in which it returned would be undefined
+        if text[:s].rstrip().endswith(b"[[noreturn]]"):  # otherwise returning would be undefined behavior
             return
         children = list(cursor.get_children())
         line = cursor.location.line
-        # A macro's text, or a cursor of another file, has no place of its own here.
+        # Text of macros and cursors of other files have no extent in this file.
         sound = in_body and s < e and cursor.extent.start.file and cursor.extent.start.file.name == str(path)
         if sound and kind == K.BINARY_OPERATOR and len(children) == 2:
             op = operator_of(text, children)
@@ -174,7 +174,7 @@ def find_mutants(path, text, unit, first_id):
             op = operator_of(text, children)
             if op in ASSIGNMENTS:
                 swap(cursor, children, op, ASSIGNMENTS[op])
-        rewritten = text[s : s + 2] == b"!="  # of classes: `!(a == b)` to the parser
+        rewritten = text[s : s + 2] == b"!="  # for classes the parser shows `!(a == b)`
         if (
             sound
             and not rewritten
@@ -201,7 +201,7 @@ def find_mutants(path, text, unit, first_id):
                     line,
                     lambda i, inner: b"(mutants::on(%d) != static_cast<bool>(%s))" % (i, inner),
                 )
-        # An argument of a template is a constant: no mutant could act.
+        # Template arguments are constants: no mutant could act.
         in_type = parent is not None and parent.kind == K.VAR_DECL and e <= parent.location.offset
         is_argument = in_type or (parent is not None and parent.kind in NAMES)
         literal = kind in (K.INTEGER_LITERAL, K.FLOATING_LITERAL) and not is_argument
@@ -216,7 +216,7 @@ def find_mutants(path, text, unit, first_id):
                 lambda i, inner: b"(mutants::on(%d) ? %s : %s)" % (i, new.encode(), inner),
             )
         is_statement = parent is not None and parent.kind == K.COMPOUND_STMT and kind.is_expression()
-        reserves = b".reserve(" in text[s:e]  # only how often memory is allocated
+        reserves = b".reserve(" in text[s:e]  # affects memory allocation only
         if sound and is_statement and not reserves and text[e : e + 1] == b";":
             edits.add(
                 s,
@@ -242,7 +242,7 @@ def flags(build):
     words = [w for a, b, c in found for w in ((a,) if a else (b, c))]
     gcc = subprocess.run(["c++", "-E", "-x", "c++", "-", "-v"], input="", capture_output=True, text=True).stderr
     system = re.search(r"search starts here:\n(.*?)End of search", gcc.split("<...>")[-1], re.S).group(1).split()
-    words.append("-DEIGEN_DONT_VECTORIZE")  # intrinsics are the compiler's own: another one does not know them
+    words.append("-DEIGEN_DONT_VECTORIZE")  # intrinsics are specific to the compiler; another one does not know them
     return words + [w for folder in system if folder.startswith("/") for w in ("-isystem", folder)] + ["-std=c++20"]
 
 
@@ -276,7 +276,7 @@ def rewrite(tree, folders, arguments):
             head = b"#pragma once\n"
             changed = head + include + changed.replace(head, b"", 1) if head in changed else include + changed
             rewritten[path] = changed
-    for path, changed in rewritten.items():  # at the end: a header is parsed with the files that include it
+    for path, changed in rewritten.items():  # last: a header is parsed with the files that include it
         path.write_bytes(changed)
     (tree / "core" / "mutants.hpp").write_text(SWITCH)
     return mutants
@@ -301,10 +301,10 @@ def cases_of(program):
 
 
 def run_case(program, case, environment, limit_s):
-    """Whether it passed within limit_s of processor time, so that other programs' load does not count."""
+    """Whether it passed within limit_s of processor time, which excludes the load of other programs."""
     command = ["prlimit", f"--cpu={math.ceil(limit_s)}", program, f"--gtest_filter={case}"]
     silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    try:  # a test that waits forever uses no processor time
+    try:  # a waiting test uses no processor time
         return (
             subprocess.run(command, env={**os.environ, **environment}, timeout=60 + 20 * limit_s, **silent).returncode
             == 0
@@ -326,7 +326,7 @@ def prepare(tree, build, folders):
     ignore = shutil.ignore_patterns("build", "build-*", ".git", ".venv", "runs", "__pycache__", "dist")
     shutil.copytree(ROOT, tree, ignore=ignore)
     (tree / ".venv").symlink_to(ROOT / ".venv")
-    # As the sanitizers' builds: a vector read beyond its end ends the program.
+    # As in sanitizer builds: reading a vector out of bounds ends the program.
     flags_of_build = "-w -fpermissive -O1 -D_GLIBCXX_ASSERTIONS"
     configure = ["cmake", "-S", tree, "-B", build, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=None", "-DMULTIPANDA_PCH=ON"]
     subprocess.run([*configure, f"-DCMAKE_CXX_FLAGS={flags_of_build}", "-DMULTIPANDA_WERROR=OFF"], check=True)
@@ -334,7 +334,7 @@ def prepare(tree, build, folders):
 
 
 def take_tests(tree):
-    """The newest tests, for mutants that none of the tests found so far."""
+    """Newest tests first, for mutants that no test has found so far."""
     paths = [
         *(ROOT / "core").rglob("*_test.cpp"),
         *(ROOT / "core" / "testing").iterdir(),
@@ -396,14 +396,14 @@ def main():
         list_file.write_text(json.dumps({"sources": sources, "mutants": mutants}))
     stored = json.loads(list_file.read_text())
     if stored["sources"] != sources:
-        sys.exit(f"the sources changed since {work} was made from them: name an empty folder")
+        sys.exit(f"the sources changed since {work} was made: use an empty folder")
     mutants = stored["mutants"]
     take_tests(tree)
     subprocess.run(["ninja", "-C", build, f"-j{options.jobs}", *options.targets], check=True)
 
     reaching = cases_by_mutant(build, options.targets, work / "trace")
     results = json.loads(results_file.read_text()) if results_file.exists() else {}
-    found_last = {}  # by file: cases that found its last mutants
+    found_last = {}  # by file: cases that found its latest mutants
     for folder in options.folders:
         every = [m for m in mutants if m["folder"] == folder and m["file"].startswith(options.only)]
         size = min(options.sample or len(every), len(every))

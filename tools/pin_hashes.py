@@ -20,7 +20,7 @@ from project_files import ROOT
 
 FILES = sorted(ROOT.glob("requirements*.txt"))
 PYTHONS = ["3.10", "3.11", "3.12", "3.13"]
-# Python 3.13 belongs to no supported distribution yet: its files are listed where they exist.
+# No supported distribution has Python 3.13 yet: its files are listed if they exist.
 OPTIONAL = {"3.13"}
 # glibc of the newest supported distribution is 2.39; pip accepts every older tag.
 PLATFORMS = [f"manylinux_2_{minor}_x86_64" for minor in range(5, 40)]
@@ -69,7 +69,7 @@ def faults(text):
             found.append(f"{requirement.line}: {match['name']} has no hash; run tools/pin_hashes.py")
         key = re.sub(r"[-_.]+", "-", match["name"]).lower(), match["marker"]
         if key in seen:
-            found.append(f"{requirement.line}: {match['name']} stands here twice")
+            found.append(f"{requirement.line}: {match['name']} is listed twice")
         seen.add(key)
     return found or ([] if pins else ["1: no requirement found, nothing would be checked"])
 
@@ -82,7 +82,7 @@ def applies(marker, python):
 
 
 class Index:
-    """The files that pip's configured index offers to one Python."""
+    """Files of pip's configured index for one Python version."""
 
     def __init__(self, resources):
         self.resources, self.finders = resources, {}
@@ -142,7 +142,7 @@ def renew(text, hashes_of):
 
 def main():
     parser = argparse.ArgumentParser(description="Renews or checks the hashes of the pinned Python packages.")
-    parser.add_argument("--check", action="store_true", help="change nothing, ask nobody: is every line pinned?")
+    parser.add_argument("--check", action="store_true", help="only check that every line is pinned, without network")
     parser.add_argument("files", nargs="*", type=pathlib.Path, help="default: the requirements of the project")
     options = parser.parse_args()
     problems = []

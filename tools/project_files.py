@@ -5,7 +5,7 @@ import pathlib
 import subprocess
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-# Left out where git cannot be asked (an unpacked archive, a tree of another user).
+# Excluded if git is not available (an unpacked archive, a tree of another user).
 GENERATED = {".git", ".venv", "runs", "__pycache__", "node_modules"}
 
 

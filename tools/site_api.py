@@ -1,4 +1,4 @@
-"""The pages of the Python package's reference: which public name stands on which page. mkdocstrings writes the rest."""
+"""The pages of the Python reference: assigns public names to pages. mkdocstrings writes the rest."""
 
 from typing import NamedTuple
 
@@ -6,19 +6,32 @@ from typing import NamedTuple
 class Page(NamedTuple):
     title: str
     text: str
-    names: tuple[str, ...]  # in `multipanda`, or below it with the module
+    names: tuple[str, ...]  # in `multipanda` or below, with its module
 
 
 PAGES = {
     "runs": Page(
         "Runs",
         "Starts a scene or attaches to one, and commands it.",
-        ("run", "play", "connect", "Run", "Client", "Summary", "RunState", "running_sockets", "program_path"),
+        (
+            "run",
+            "play",
+            "connect",
+            "Run",
+            "Client",
+            "base_client.BaseClient",
+            "Summary",
+            "RunState",
+            "stop_all",
+            "running_sockets",
+            "Clock",
+            "program_path",
+        ),
     ),
     "arms": Page(
         "Arms",
         "One arm of a run, its state and its gripper. Units are in the names: meters, radians, seconds, newtons.",
-        ("Arm", "ArmState", "Pose", "Gripper", "GripperState", "Vacuum"),
+        ("Arm", "ArmState", "Pose", "ArmModel", "model", "Gripper", "GripperState", "Vacuum"),
     ),
     "records": Page(
         "Records and events",
@@ -29,7 +42,17 @@ PAGES = {
         "Controllets",
         "A control law of the scene: parameters, features, goals, streams and a SpaceMouse. Which parameters a"
         " controllet has depends on the scene: `help()` of it, and `stubs()`, show them with units and bounds.",
-        ("Controllet", "controllet.Feature", "Parameter", "Goal", "Stream", "SpaceMouse", "JogLimits", "stubs"),
+        (
+            "Controllet",
+            "instance.Instance",
+            "controllet.Feature",
+            "Parameter",
+            "Goal",
+            "Stream",
+            "SpaceMouse",
+            "JogLimits",
+            "stubs",
+        ),
     ),
     "laws": Page(
         "Laws",
@@ -56,8 +79,7 @@ PAGES = {
     "learning": Page(
         "Learning",
         "Tasks for policies and the mapping from actions to set-points, and what LeRobot's packages are made of; the"
-        " guides are [Gymnasium](../gymnasium.md), [From learning to an arm](../learning_to_arm.md) and"
-        " [LeRobot](../lerobot.md).",
+        " guides are [Learning](../learning.md) and [LeRobot](../lerobot.md).",
         (
             "tasks.Task",
             "tasks.TaskArm",
@@ -87,8 +109,8 @@ PAGES = {
     ),
     "native": Page(
         "Worlds",
-        "Simulated worlds in your own process, in the package `multipanda_native`; the guide is [Worlds in"
-        " Python](../native.md).",
+        "Simulated worlds in your own process, in the package `multipanda_native`; the guide is"
+        " [Worlds in Python](../learning.md#worlds-in-python).",
         ("multipanda_native.World", "multipanda_native.Batch", "multipanda_native.Arm"),
     ),
     "errors": Page(
@@ -100,7 +122,7 @@ PAGES = {
 
 
 def full_name(entry):
-    """A name with its package, which is multipanda unless it names another."""
+    """A name with its package; default: multipanda."""
     return entry if entry.startswith("multipanda_") else f"multipanda.{entry}"
 
 

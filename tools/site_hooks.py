@@ -1,4 +1,4 @@
-"""Hooks of mkdocs.yml: pages that are not in docs/, and links of pages as GitHub follows them.
+"""Hooks of mkdocs.yml: pages outside docs/, and links as on GitHub.
 
 The pages of the project link files of the source tree, which the site must have too, as it opens without a network.
 Each linked file becomes a page under sources/, and so does each linked folder, as a list of its files.

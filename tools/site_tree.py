@@ -11,9 +11,9 @@ ROOT_PAGES = {
     "CHANGELOG.md": "changelog.md",
     "SECURITY.md": "security.md",
 }
-# Code first: what looks like a link inside it is none.
+# Code first: link syntax inside code is not a link.
 CODE_OR_LINK = re.compile(r"^(?:```|~~~).*?^(?:```|~~~)\s*?$|`[^`\n]*`|\]\((?P<target>[^()\s]+)\)", re.M | re.S)
-LARGEST_SOURCE = 200_000  # [bytes]; nothing that is larger is read as a text
+LARGEST_SOURCE = 200_000  # larger files are not read as text [bytes]
 LANGUAGES = {
     ".hpp": "cpp",
     ".cpp": "cpp",
@@ -53,7 +53,7 @@ class Tree:
         def link(match):
             place = self.resolve(page, match["target"]) if match["target"] else None
             if place is None or place[0] not in self.page_of:
-                return match[0]  # a missing page stays as it is, and the strict build reports it
+                return match[0]  # a missing page stays, and the strict build reports it
             target = posixpath.relpath(self.page_of[place[0]], posixpath.dirname(page) or ".")
             return f"]({target}{'#' + place[1] if place[1] else ''})"
 
@@ -83,7 +83,7 @@ class Tree:
         return place.stat().st_size <= LARGEST_SOURCE and b"\0" not in place.read_bytes()
 
     def add_linked(self, texts):
-        """Pages for what these pages link and the site does not have; texts: page -> text. Returns page -> text."""
+        """Adds pages for linked files that the site lacks; texts: page -> text. Returns page -> text."""
         added, waiting = {}, list(texts.items())
         while waiting:
             page, text = waiting.pop()
@@ -91,7 +91,7 @@ class Tree:
                 place = self.root / path
                 if path in self.page_of or path.startswith("../") or not place.exists():
                     continue
-                if place.is_dir():  # its links are read as those of a file in it
+                if place.is_dir():  # its links are relative to a file inside it
                     shown = f"sources/{path}/index.md"
                     self.page_of[path], self.path_of[shown] = shown, f"{path}/index.md"
                 elif self.is_text(path):
@@ -100,6 +100,6 @@ class Tree:
                 else:
                     continue
                 added[shown] = self.source_page(path)
-                if place.is_dir() or place.suffix == ".md":  # code is shown as it is
+                if place.is_dir() or place.suffix == ".md":  # code stays unchanged
                     waiting.append((shown, added[shown]))
         return added

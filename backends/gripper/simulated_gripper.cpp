@@ -60,10 +60,13 @@ SimulatedGripper::Ticket SimulatedGripper::start(const GripperMove& request) {
   return ticket;
 }
 
-// Always closes; the width only decides success.
+// Always closes; what is held is not grasped again.
 SimulatedGripper::Ticket SimulatedGripper::start(const GripperGrasp& request) {
   const Ticket ticket = results_.begin();
-  state_.grasped = false;
+  if (state_.grasped) {
+    results_.end(GripperResult::unsuccessful);
+    return ticket;
+  }
   grasp_ = request;
   w_ref_ = state_.width;
   v_ref_ = 0;
@@ -78,7 +81,7 @@ void SimulatedGripper::stop() {
 }
 
 // The reference moves to the target with limited speed and acceleration. It stays close enough to blocked
-// fingers that the servo gives at most full force.
+// fingers to limit the servo to full force.
 double SimulatedGripper::servo(double width, double rate, double dt) {
   if (drive_ == Drive::off) return -0.5 * kOffDamping * rate;
   const double distance = target_ - w_ref_;
@@ -121,6 +124,7 @@ void SimulatedGripper::judge(double width, double rate, double dt) {
       const bool fits =
           grasp_.width - grasp_.tolerance_inner < width && width < grasp_.width + grasp_.tolerance_outer;
       if (stalled) results_.end(fits ? GripperResult::success : GripperResult::unsuccessful);
+      if (stalled && !fits && !state_.grasped) return go(Drive::off, 0, 0, 0);
       state_.grasped = fits && (stalled || state_.grasped);
       return;
     }

@@ -7,8 +7,8 @@
 namespace multipanda {
 
 struct GripperLimits {
-  double width = 0.08;  // fully open [m]
-  double speed = 0.2;   // of the width, most [m/s]
+  double width = 0.08;  // largest width [m]
+  double speed = 0.2;   // largest rate of the width [m/s]
   double force = 70;    // largest force of each finger on the object between them [N]
 };
 
@@ -20,8 +20,9 @@ struct GripperLimits {
 // equally: a grasp of 40 N squeezes with 40 N.
 //
 // One motion at a time; a new one aborts the running one. After a motion the fingers hold the width
-// (homing, move) or keep pressing (grasp). After stop() the motor is off and a held object falls. No
-// allocation, no lock.
+// (homing, move) or keep pressing (grasp). After stop(), and after a grasp outside its tolerance, the motor
+// is off and a held object falls. A grasp of an object that is already held is unsuccessful and changes
+// nothing. No allocation, no lock.
 class SimulatedGripper {
  public:
   using Ticket = MotionResults::Ticket;
@@ -59,7 +60,7 @@ class SimulatedGripper {
   Drive drive_ = Drive::hold;
   GripperGrasp grasp_;  // the last request
   double target_ = 0, speed_ = 0, force_ = 0;
-  double w_ref_ = 0, v_ref_ = 0;  // what the servo follows [m, m/s]
+  double w_ref_ = 0, v_ref_ = 0;  // reference of the servo [m, m/s]
   bool blocked_ = false;          // full force, or the reference has reached the target
   double still_s_ = 0;            // time at rest while blocked [s]
 };

@@ -10,27 +10,13 @@ namespace {
 constexpr double kPumpTime = 0.08;   // time constant of the pump on a sealed cup [s]
 constexpr double kLeakTime = 3.0;    // of a sealed cup without pump [s]
 constexpr double kVentTime = 0.01;   // of an open cup, and of blowing off [s]
-constexpr double kOpenMbar = 20;     // that the pump reaches with an open cup
-constexpr double kLetsGoMbar = 5;    // below this vacuum nothing is held
+constexpr double kOpenMbar = 20;     // reached by the pump with an open cup
+constexpr double kLetsGoMbar = 5;    // below this vacuum the part is released
 constexpr double kTearTime = 0.005;  // duration of an overload that detaches the part [s]
 constexpr double kInRange = 0.95;    // fraction of the requested vacuum
 constexpr double kPascal = 100;      // of a millibar
 
-std::string check_time(double timeout) {
-  if (!std::isfinite(timeout) || timeout < 0) return "the timeout must be 0 or more seconds";
-  return {};
-}
-
 }  // namespace
-
-std::string SimulatedVacuum::check(const VacuumOn& request) {
-  if (!std::isfinite(request.pressure_mbar) || request.pressure_mbar < 0) {
-    return "the vacuum must be 0 or more mbar below ambient pressure";
-  }
-  return check_time(request.timeout_s);
-}
-
-std::string SimulatedVacuum::check(const VacuumDrop& request) { return check_time(request.timeout_s); }
 
 SimulatedVacuum::Ticket SimulatedVacuum::start(const VacuumOn& request) {
   const Ticket ticket = results_.begin();

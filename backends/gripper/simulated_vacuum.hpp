@@ -10,15 +10,15 @@
 namespace multipanda {
 
 struct VacuumLimits {
-  double vacuum_mbar = 800;    // below ambient pressure, most
+  double vacuum_mbar = 800;    // largest vacuum below ambient pressure
   double cup_diameter = 0.04;  // [m]
   double reach = 0.005;        // from the cup to a part that it can still seal [m]
   double friction = 0.5;       // between part and cup
 };
 
-// Behavior of a vacuum gripper with one suction cup: pump, vacuum, when a part is held and when it detaches.
-// The owner of the world calls step() once per control period with the load on the held part, and holds the
-// part as step() returns.
+// Behavior of a vacuum gripper with one suction cup: pump, vacuum, holding and detaching of a part. The owner
+// of the world calls step() once per control period with the load on the held part, and holds the part if
+// step() returns true.
 //
 // The cup holds with F = area x vacuum. A held part detaches if pull + shear / friction + moment / radius
 // exceeds F for 5 ms. docs/gripper.md lists the values.
@@ -36,12 +36,9 @@ class SimulatedVacuum {
 
   explicit SimulatedVacuum(const VacuumLimits& limits = {}) : limits_(limits) {}
 
-  static std::string check(const VacuumOn& request);
-  static std::string check(const VacuumDrop& request);
-
   // Requests that passed check(). The vacuum is limited to the pump's range.
   Ticket start(const VacuumOn& request);    // success: a part is held and the vacuum is reached in time
-  Ticket start(const VacuumDrop& request);  // success: no part is held any more
+  Ticket start(const VacuumDrop& request);  // success: the part is released
   void stop();  // ends pump and blow-off; a held part stays until the vacuum has leaked
   GripperResult result(Ticket ticket) const { return results_.of(ticket); }
 

@@ -4,8 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "backends/mujoco/compose.hpp"
 #include "backends/mujoco/testing/test_scenes.hpp"
+#include "backends/mujoco/world.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 

@@ -1,5 +1,3 @@
-#include "backends/mujoco/compose.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <memory>
@@ -10,7 +8,8 @@
 
 #include "backends/mujoco/engine_errors.hpp"
 #include "backends/mujoco/surface_contact.hpp"
-#include "models/to_mjcf.hpp"
+#include "backends/mujoco/world.hpp"
+#include "models/write_robot.hpp"
 
 namespace multipanda {
 namespace {
@@ -37,8 +36,8 @@ void set_color(const std::array<double, 4>& rgba, float to[4]) {
   for (std::size_t i = 0; i < 4; ++i) to[i] = static_cast<float>(rgba[i]);
 }
 
-// Elliptic friction cones and implicit joint damping; MuJoCo's own reset after a divergence is off: the
-// backend handles it.
+// Elliptic friction cones and implicit joint damping; MuJoCo's automatic reset after a divergence is off,
+// since the backend handles it.
 void set_options(mjSpec* spec, const WorldPhysics& physics) {
   spec->option.timestep = physics.timestep;
   spec->option.noslip_iterations = physics.noslip_iterations;
@@ -51,7 +50,7 @@ void set_options(mjSpec* spec, const WorldPhysics& physics) {
   spec->compiler.usethread = 0;
 }
 
-// Light, sky and, if the scene has no plane, a visible floor. None of them collides.
+// Light, sky and, if the scene has no plane, a visible floor, all without collision.
 void add_surroundings(mjSpec* spec, const std::vector<WorldArm>& arms, bool has_plane) {
   mjsBody* world = mjs_findBody(spec, "world");
 
@@ -138,12 +137,12 @@ void set_inertia(const Matrix3& I, mjsBody* body) {
   const Quaternion q(axes);
   const std::array turn{q.w(), q.x(), q.y(), q.z()};
   std::copy_n(turn.data(), 4, body->iquat);
-  const double of_rod = (moments[1] + moments[2]) / 2;  // equal, but for rounding
+  const double of_rod = (moments[1] + moments[2]) / 2;  // equal except for rounding
   const std::array bare{0.0, of_rod, of_rod};
   std::copy_n(bare.data(), 3, body->inertia);
 }
 
-// A rigid body on the flange, drawn as a ball whose size shows the mass.
+// A rigid body on the flange, drawn as a ball whose size indicates the mass.
 void add_load(mjsBody* last_link, const mjsSite* flange, const char* name, const Load& load,
               const std::array<double, 4>& rgba) {
   if (load.mass <= 0) return;
@@ -203,7 +202,8 @@ void check_size(const std::string& whose, ShapeType shape, const Vector3& size) 
   }
 }
 
-// Collision shapes without mass, in a separate body, so that they may touch what the last link may not.
+// Collision shapes without mass, in a separate body, so that they may touch bodies that the last link
+// may not.
 void add_tool_shapes(mjsBody* last_link, const mjsSite* flange, const WorldArm& arm) {
   if (arm.tool_shapes.empty()) return;
   mjsBody* body = mjs_addBody(last_link, nullptr);
@@ -249,7 +249,7 @@ void exclude_mount(mjSpec* spec, const WorldArm& arm) {
   if (!arm.carrier) return;
   const auto exclude = [&](std::size_t own, std::size_t below) {
     const std::string mine = link_name(arm.name, own), other = link_name(arm.carrier->name, below);
-    if (mjs_findBody(spec, other.c_str()) == nullptr) return;  // behind the last link
+    if (mjs_findBody(spec, other.c_str()) == nullptr) return;  // beyond the last link
     mjsExclude* pair = mjs_addExclude(spec);
     mjs_setString(pair->bodyname1, mine.c_str());
     mjs_setString(pair->bodyname2, other.c_str());
@@ -259,8 +259,8 @@ void exclude_mount(mjSpec* spec, const WorldArm& arm) {
   exclude(1, ground);
 }
 
-// link0 and link1 do not touch what stands still, because they are mounted on it (kBaseBits). Those that a
-// carrier moves do.
+// link0 and link1 do not touch fixed objects, on which they are mounted (kBaseBits), but those on a
+// carrier do.
 void let_touch(mjSpec* child, const char* link) {
   mjsBody* body = mjs_findBody(child, link);
   for (mjsElement* e = mjs_firstChild(body, mjOBJ_GEOM, 0); e != nullptr; e = mjs_nextChild(body, e, 0)) {
@@ -293,7 +293,7 @@ void add_arm(mjSpec* spec, const WorldArm& arm, bool carries, const WorldPhysics
 
   mjsFrame* frame = mjs_addFrame(ground_of(spec, arm), nullptr);
   set_pose(arm.carrier ? arm.carrier->X_JB : arm.X_WB, frame->pos, frame->quat);
-  // Attaches a copy; otherwise attaching would move the child.
+  // Attaches a copy, because attaching moves the child.
   mjs_setDeepCopy(spec, 1);
   if (mjs_attach(frame->element, root->element, (arm.name + "/").c_str(), "") == nullptr) {
     refuse("arm '" + arm.name + "'", mjs_getError(spec));

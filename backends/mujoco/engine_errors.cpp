@@ -17,7 +17,7 @@ constexpr std::size_t kText = 512;
 thread_local std::jmp_buf* return_point = nullptr;
 thread_local std::array<char, kText> error_text{};
 std::atomic<std::uint64_t> warning_count{0};
-// Written by the thread that gets the flag, so that a warning in the loop never waits.
+// Written by the thread that acquires the flag, so that a warning in the loop never waits.
 std::atomic_flag warning_text_busy = ATOMIC_FLAG_INIT;
 std::array<char, kText> warning_text{};
 

@@ -4,12 +4,12 @@
 #include <functional>
 #include <string>
 
-// MuJoCo reports errors through a process-wide handler that must not return, and warnings through
-// one that by default writes a file. The handlers here neither end the process nor write a file.
+// MuJoCo reports errors through a process-wide handler that must not return, and warnings through one that by
+// default writes a file. These handlers neither end the process nor write a file.
 namespace multipanda {
 
 // Calls `work`; true if MuJoCo reported no error. After an error, last_engine_error() of this thread has the
-// text. The call was left where the error occurred: do not use its data any more. `work` must not own
+// text. The call was aborted at the error: do not use its data any more. `work` must not own
 // anything with a destructor on its stack.
 bool without_engine_error(void (*work)(void*), void* argument);
 

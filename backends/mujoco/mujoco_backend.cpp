@@ -2,8 +2,8 @@
 
 #include <type_traits>
 
+#include "arm_interface/arm_settings.hpp"
 #include "core/types/time.hpp"
-#include "device/arm_settings.hpp"
 
 namespace multipanda {
 namespace {
@@ -11,23 +11,12 @@ namespace {
 template <class Request, class... Kinds>
 constexpr bool kIsOneOf = (std::is_same_v<Request, Kinds> || ...);
 
-// Off the loop: why the request is invalid, or an empty string.
-std::string check_gripper(const GripperRequest& request) {
-  return std::visit(
-      [](const auto& r) -> std::string {
-        using Kind = std::decay_t<decltype(r)>;
-        if constexpr (kIsOneOf<Kind, GripperMove, GripperGrasp>) return check(r);
-        if constexpr (kIsOneOf<Kind, VacuumOn, VacuumDrop>) return SimulatedVacuum::check(r);
-        return {};
-      },
-      request);
-}
-
 }  // namespace
 
 MujocoBackend::MujocoBackend(const Scene& scene, MujocoOptions options)
     : pace_(options.pace), plant_(scene, {.meshes = std::move(options.meshes)}) {
   gripper_motions_.reserve(RequestBox::kSlots);
+  if (pace_ == Pace::realtime) requests_.refuse_after_gaps();
 }
 
 Capabilities MujocoBackend::capabilities(ArmIndex arm) const {
@@ -89,8 +78,7 @@ void MujocoBackend::command(ArmIndex arm, const InterfaceCommand& command) {
   told_ |= ArmSet::of(arm);
 }
 
-// Carries out the period that the last write() started. It runs in wait(), so that the time of a cycle
-// excludes the engine.
+// Executes the period started by the last write(), in wait(), so that cycle times exclude the engine.
 void MujocoBackend::advance() {
   if (!commanded_) return;
   commanded_ = false;
@@ -107,18 +95,13 @@ std::future<RequestAnswer> MujocoBackend::request(ArmIndex arm, ArmRequest reque
 
 std::future<RequestAnswer> MujocoBackend::request(ArmIndex arm, GripperRequest request) {
   if (arm >= arm_count()) return refuse_request(no_such_arm(arm, arm_count()));
-  if (auto why = check_gripper(request); !why.empty()) return refuse_request(std::move(why));
+  if (auto why = check(request); !why.empty()) return refuse_request(std::move(why));
   return requests_.post({.arm = arm, .request = std::move(request)});
 }
 
 std::future<RequestAnswer> MujocoBackend::request(WorldRequest request) {
   RequestBox::Posted posted;
-  if (const auto* place = std::get_if<PlaceObject>(&request)) {
-    if (auto why = plant_.locate(*place, posted.object); !why.empty()) return refuse_request(std::move(why));
-  }
-  if (const auto* push = std::get_if<PushObject>(&request)) {
-    if (auto why = plant_.locate(*push, posted.object); !why.empty()) return refuse_request(std::move(why));
-  }
+  if (auto why = plant_.locate(request, posted.object); !why.empty()) return refuse_request(std::move(why));
   posted.request = std::move(request);
   return requests_.post(std::move(posted));
 }
@@ -191,7 +174,7 @@ ArmReply MujocoBackend::apply_to_world(const RequestBox::Posted& posted, const W
   if (const auto* pause = std::get_if<PauseSimulation>(&request)) {
     if (pause->paused && !paused_ && pace_ == Pace::unpaced) pacer_.start();
     paused_ = pause->paused;
-    if (!paused_ && steps_left_ > 0) {  // the simulation runs again
+    if (!paused_ && steps_left_ > 0) {  // resumed during the step
       steps_left_ = 0;
       requests_.answer(step_slot_, ArmReply::done);
     }
@@ -205,7 +188,7 @@ ArmReply MujocoBackend::apply_to_world(const RequestBox::Posted& posted, const W
   return ArmReply::done;
 }
 
-// Handles stops. begin_gripper_motion() has started the motions of existing grippers.
+// Handles stops. begin_gripper_motion() has started motions of existing grippers.
 ArmReply MujocoBackend::apply_to_gripper(ArmIndex arm, const GripperRequest& request) {
   SimulatedGripper* gripper = plant_.gripper(arm);
   SimulatedVacuum* vacuum = plant_.vacuum(arm);

@@ -16,7 +16,7 @@ namespace multipanda {
 enum class Pace : std::uint8_t {
   realtime,  // a step per millisecond of the wall clock
   unpaced,   // as fast as the loop runs
-  hosted     // the caller has a clock: wait() never sleeps, even while paused
+  hosted     // the caller provides the clock: wait() never sleeps, even while paused
 };
 
 struct MujocoOptions {
@@ -77,8 +77,8 @@ class MujocoBackend : public Backend, public SimulationView {
   ArmReply apply(const RequestBox::Posted& posted);
   ArmReply apply_to_world(const RequestBox::Posted& posted, const WorldRequest& request);
   ArmReply apply_to_gripper(ArmIndex arm, const GripperRequest& request);
-  // The gripper motion that a request started. None if the request is not a motion, or the arm has
-  // no such gripper.
+  // The gripper motion started by a request. None if the request is not a motion, or the arm has no
+  // such gripper.
   struct GripperMotion {
     std::size_t slot = 0;
     ArmIndex arm = 0;
@@ -91,13 +91,13 @@ class MujocoBackend : public Backend, public SimulationView {
   Pace pace_;
   MujocoPlant plant_;
   Pacer pacer_;
-  ArmSet told_;             // arms that command() was called for, in this period
-  bool commanded_ = false;  // commands wait for the next period
+  ArmSet told_;             // arms commanded by command() in this period
+  bool commanded_ = false;  // commands are ready for the next period
   bool paused_ = false;
-  std::uint32_t steps_left_ = 0;  // while paused: periods that a request asked for
-  std::size_t step_slot_ = 0;     // of that request
+  std::uint32_t steps_left_ = 0;  // remaining requested periods while paused
+  std::size_t step_slot_ = 0;     // slot of that request
   RequestBox requests_;
-  std::vector<GripperMotion> gripper_motions_;  // not answered yet; the size never grows in the loop
+  std::vector<GripperMotion> gripper_motions_;  // unanswered ones; the size never grows in the loop
 };
 
 }  // namespace multipanda

@@ -7,9 +7,9 @@
 #include <stdexcept>
 
 #include "backends/mujoco/engine_errors.hpp"
+#include "backends/simulated_arm/friction.hpp"
 #include "backends/simulated_arm/from_scene.hpp"
-#include "backends/simulated_arm/joint_friction.hpp"
-#include "models/to_mjcf.hpp"
+#include "models/write_robot.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
@@ -56,7 +56,7 @@ std::optional<LinkFriction> link_friction_of(const RobotDescription& robot) {
   return LinkFriction(*robot.link_friction, robot.joint_count());
 }
 
-// Iterations against slip keep held objects from creeping out of the fingers.
+// Iterations that keep held objects from creeping out of the fingers.
 constexpr std::size_t kNoslipOfFingers = 5;
 
 WorldPhysics world_physics(const Scene& scene, double timestep) {
@@ -78,10 +78,12 @@ MujocoPlant::MujocoPlant(const Scene& scene, const PlantOptions& options)
   if (options.timeline_waits) timeline_origin_.reset();
   plan_places(scene);
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
-    const RobotDescription robot = plant_robot_of(scene.arms[i]);
+    RobotDescription robot = plant_robot_of(scene.arms[i]);
+    const bool real_sensors = options.real_sensors && !scene.arms[i].plant_robot;
+    if (real_sensors && !robot.link_friction) robot.link_friction = usual_link_friction(robot);
     const JointVector zero = joint_constant(robot.joint_count(), 0);
     const JointVector& q_start = scene.arms[i].q_start;
-    arms_.push_back({.behavior = SimulatedArm(simulated_arm_config(scene, i), q_start),
+    arms_.push_back({.behavior = SimulatedArm(simulated_arm_config(scene, i, real_sensors), q_start),
                      .friction = friction_of(scene, robot),
                      .link_friction = link_friction_of(robot),
                      .motor_inertia = robot.motor_inertia,
@@ -171,7 +173,7 @@ GripperState MujocoPlant::gripper_state(ArmIndex i) const {
   return arm.vacuum ? arm.vacuum->gripper_state() : GripperState{};
 }
 
-// Motors and pumps of this period, from the current state of fingers and parts.
+// Forces of motors and pumps in this period, from the current state of fingers and parts.
 void MujocoPlant::drive_grippers(ArmIndex i) {
   Arm& arm = arms_[i];
   if (arm.gripper) {
@@ -252,18 +254,17 @@ std::string MujocoPlant::find_free(const std::string& name, const char* done, st
   return {};
 }
 
-std::string MujocoPlant::locate(const PlaceObject& place, std::size_t& object) const {
-  if (auto why = find_free(place.object, "placed", object); !why.empty()) return why;
-  if (!check_request(SetFrames{place.X_WO, {}}, 0).empty())
-    return "X_WO must be a finite position and a rotation";
-  return {};
-}
-
-std::string MujocoPlant::locate(const PushObject& push, std::size_t& object) const {
-  if (auto why = find_free(push.object, "pushed", object); !why.empty()) return why;
-  if (!(push.f_W.norm() <= PushObject::kMostForce)) return "the force must be at most 100 N";
-  if (!(push.duration > 0 && push.duration <= PushObject::kMostTime))
-    return "the push must last more than 0 and at most 2 s";
+std::string MujocoPlant::locate(const WorldRequest& request, std::size_t& object) const {
+  if (const auto* place = std::get_if<PlaceObject>(&request)) {
+    if (auto why = find_free(place->object, "placed", object); !why.empty()) return why;
+    return check_pose(place->X_WO, "X_WO");
+  }
+  if (const auto* push = std::get_if<PushObject>(&request)) {
+    if (auto why = find_free(push->object, "pushed", object); !why.empty()) return why;
+    if (!(push->f_W.norm() <= PushObject::kMostForce)) return "the force must be at most 100 N";
+    if (!(push->duration > 0 && push->duration <= PushObject::kMostTime))
+      return "the push must last more than 0 and at most 2 s";
+  }
   return {};
 }
 
@@ -283,7 +284,7 @@ void MujocoPlant::apply_pushes() {
     if (push.periods < 0) continue;
     const Vector3 f_W = push.periods > 0 ? push.f_W : Vector3::Zero();
     Eigen::Map<Vector3>(world_.data()->xfrc_applied + 6 * world_.objects()[i].body) = f_W;
-    --push.periods;  // once more with zero, to end it
+    --push.periods;  // a last time with zero, to end it
   }
 }
 
@@ -302,7 +303,7 @@ void MujocoPlant::reset() {
   }
 }
 
-// The first packet: at rest, the motors support the arm.
+// The initial packet: at rest, motors support the arm.
 void MujocoPlant::measure_start(ArmIndex i) {
   Arm& arm = arms_[i];
   world_.joints(i, arm.q, arm.dq);

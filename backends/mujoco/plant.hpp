@@ -11,7 +11,7 @@
 #include "backends/gripper/simulated_gripper.hpp"
 #include "backends/gripper/simulated_vacuum.hpp"
 #include "backends/mujoco/world.hpp"
-#include "backends/simulated_arm/link_friction.hpp"
+#include "backends/simulated_arm/friction.hpp"
 #include "backends/simulated_arm/request_box.hpp"
 #include "backends/simulated_arm/simulated_arm.hpp"
 #include "core/types/arm_set.hpp"
@@ -24,6 +24,9 @@ struct PlantOptions {
   std::filesystem::path meshes;  // shown in pictures in place of the primitives; empty: primitives
   // The timeline's `place` events wait for begin_timeline(); otherwise their time counts from construction.
   bool timeline_waits = false;
+  // Sensors, the arms' own estimate of forces and friction behind the torque sensors as real arms have them
+  // (arm_sensors.hpp); not of hidden plants, which have their own.
+  bool real_sensors = false;
 };
 
 // A scene with its arms, ready to be stepped by one control period of 1 ms: MuJoCo's rigid bodies, joint
@@ -58,12 +61,11 @@ class MujocoPlant {
   // Advances one period with the arms' commands and updates their measurements. No allocation, no lock. Does
   // nothing after a failure.
   void advance();
-  std::int64_t periods() const { return periods_; }  // carried out since construction
+  std::int64_t periods() const { return periods_; }  // executed since construction
   void reset();                                      // everything as at the start, except periods()
-  // Any thread: finds the object that the request names. Returns why that is impossible, or an empty string.
-  std::string locate(const PlaceObject& place, std::size_t& object) const;
-  std::string locate(const PushObject& push, std::size_t& object) const;
-  // Moves a free object, at rest. False (nothing changed): it would penetrate another.
+  // Any thread: finds the object that the request names, if any. Returns why it cannot; empty: it can.
+  std::string locate(const WorldRequest& request, std::size_t& object) const;
+  // Moves a free object, at rest. Returns false, changing nothing, if it would penetrate another.
   bool place(std::size_t object, const Pose& X_WO);
   // A force at the object's center of mass from the next period on.
   void push(std::size_t object, const Vector3& f_W, double duration_s);
@@ -89,12 +91,12 @@ class MujocoPlant {
     JointVector q_start;
     JointVector q, dq;      // of the plant
     JointVector tau_motor;  // in the current physics step
-    // The former friction less its part that MuJoCo integrates implicitly, and that part's slope.
+    // The former friction without its part that MuJoCo integrates implicitly, and the slope of that part.
     JointVector friction_explicit, friction_slope;
     PlantMeasurement measurement;  // of the current period
   };
   struct PlannedPlace {
-    std::int64_t period = 0;  // the period at whose beginning it happens
+    std::int64_t period = 0;  // the period at whose start it happens
     std::size_t object = 0;
     Pose X_WO;
   };

@@ -120,7 +120,8 @@ TEST(Requests, AnsweredToOtherThreads) {
   for (std::size_t t = 0; t < 4; ++t) {
     askers.emplace_back([&, t] {
       for (int i = 0; i < 20; ++i) {
-        const Load load{.mass = 0.1 * i, .inertia_C = 1e-3 * Matrix3::Identity()};
+        const Load load{.mass = 1e-3 * (i + 1) + 1e-4 * static_cast<double>(t),
+                        .inertia_C = 1e-3 * Matrix3::Identity()};
         good += loop.backend.request(t % 2, SetLoad{load}).get().success ? 1 : 0;
       }
       ++done;
@@ -130,7 +131,7 @@ TEST(Requests, AnsweredToOtherThreads) {
   for (auto& asker : askers) asker.join();
   EXPECT_EQ(good, 80);
   EXPECT_EQ(loop.state(0).config_version, 41u);
-  EXPECT_NEAR(loop.state(1).load.mass, 1.9, 1e-12);
+  EXPECT_NEAR(loop.state(1).load.mass, 0.0202, 1.001e-4);  // of the later of two
 }
 
 TEST(Requests, InvalidRequestsAreRefusedWithAReason) {
@@ -272,6 +273,53 @@ TEST(RequestBox, RefusesWhatWaitedForTooLong) {
   ASSERT_NE(patient.front(), nullptr);
   patient.answer(ArmReply::done);
   EXPECT_TRUE(in_time.get().success);
+}
+
+// Its asker has hung up, or waits for less time than the box would.
+TEST(RequestBox, RefusesWhatItsAskerGaveUp) {
+  RequestBox box;
+  const auto limit = std::make_shared<std::atomic<std::int64_t>>(std::numeric_limits<std::int64_t>::max());
+  ArmRequest request = RecoverFromError{};
+  request.begin_by = limit;
+  auto answer = box.post({.arm = 0, .request = request});
+  ASSERT_NE(box.front(), nullptr);
+  *limit = 0;
+  EXPECT_EQ(box.front(), nullptr);
+  EXPECT_FALSE(answer.get().success);
+}
+
+TEST(RequestBox, HasAPlaceForAStopWhenItIsFull) {
+  RequestBox box;
+  const auto waits = [](const std::future<RequestAnswer>& answer) {
+    return answer.wait_for(std::chrono::seconds(0)) != std::future_status::ready;
+  };
+  std::vector<std::future<RequestAnswer>> others;
+  do {
+    others.push_back(box.post({.arm = 0, .request = ArmRequest(RecoverFromError{})}));
+  } while (waits(others.back()) && others.size() < 1000);
+  EXPECT_FALSE(others.back().get().success);
+  EXPECT_TRUE(waits(box.post({.arm = 0, .request = GripperRequest(GripperStop{})})));
+  EXPECT_TRUE(waits(box.post({.arm = 0, .request = ArmRequest(StopMotion{})})));
+}
+
+TEST(RequestBox, RefusesWhatCameBeforeTheProgramStoodStill) {
+  for (const bool on_the_wall_clock : {true, false}) {
+    RequestBox box;
+    if (on_the_wall_clock) box.refuse_after_gaps();
+    box.open();
+    EXPECT_EQ(box.front(), nullptr);
+    auto answer = box.post({.arm = 0, .request = ArmRequest(RecoverFromError{})});
+    std::this_thread::sleep_for(GapWatch::kLongest + std::chrono::milliseconds(50));
+    EXPECT_EQ(box.front() == nullptr, on_the_wall_clock);
+    if (on_the_wall_clock) EXPECT_FALSE(answer.get().success);
+    if (!on_the_wall_clock) box.answer(ArmReply::done);
+    auto stop = box.post({.arm = 0, .request = GripperRequest(GripperStop{})});
+    std::this_thread::sleep_for(GapWatch::kLongest + std::chrono::milliseconds(50));
+    EXPECT_NE(box.front(), nullptr);
+    box.answer(ArmReply::done);
+    auto next = box.post({.arm = 0, .request = ArmRequest(RecoverFromError{})});
+    EXPECT_NE(box.front(), nullptr);
+  }
 }
 
 }  // namespace

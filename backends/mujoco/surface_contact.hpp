@@ -22,7 +22,7 @@ namespace multipanda {
 // Name of a tool shape's geom, in the arm's own model: "tool_shape1", ...
 std::string tool_shape_name(std::size_t index);
 
-// Pairs of every tool shape with every object that has a `contact`; before compilation.
+// Pairs every tool shape with every object that has a `contact`; before compilation.
 void add_surface_pairs(mjSpec* spec, const std::vector<WorldArm>& arms,
                        const std::vector<SceneObject>& objects);
 // Sets their values, which depend on the compiled inverse weights.

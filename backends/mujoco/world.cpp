@@ -5,7 +5,6 @@
 #include <cstdio>
 #include <stdexcept>
 
-#include "backends/mujoco/compose.hpp"
 #include "backends/mujoco/engine_errors.hpp"
 
 namespace multipanda {
@@ -156,7 +155,7 @@ Wrench World::tip_wrench(std::size_t arm, const Vector3& p_W) const {
     if (contact.geom[0] < 0 || contact.geom[1] < 0 || contact.efc_address < 0) continue;
     const int body0 = m->geom_bodyid[contact.geom[0]], body1 = m->geom_bodyid[contact.geom[1]];
     const int arm0 = arm_of_body(body0), arm1 = arm_of_body(body1);
-    if ((arm0 == self) == (arm1 == self)) continue;  // another arm's contact, or a self-contact
+    if ((arm0 == self) == (arm1 == self)) continue;  // contact of another arm, or self-contact
     if (!is_tip(arm0 == self ? body0 : body1)) continue;
     // MuJoCo's wrench acts on the second geom, in the contact's frame, whose axes are the matrix's rows.
     mjtNum local[6];

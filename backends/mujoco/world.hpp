@@ -18,14 +18,14 @@ namespace multipanda {
 
 // One arm of the world.
 struct WorldArm {
-  // The arm that carries this one on the link behind its joint number `joint`, from 0.
+  // The carrier of this arm, on the link behind its joint number `joint`, from 0.
   struct Carrier {
     std::string name;  // of an earlier arm
     std::size_t joint = 0;
     Pose X_JB;  // base in the joint's frame
   };
   std::string name;
-  std::string mjcf;  // of models/to_mjcf.hpp: body link0, joints joint1..N, site flange
+  std::string mjcf;  // of to_mjcf(): body link0, joints joint1..N, site flange
   std::size_t joint_count = 0;
   Pose X_WB;  // of a carried arm at the start
   std::optional<Carrier> carrier;
@@ -45,7 +45,7 @@ struct WorldPhysics {
 };
 
 // The physical world in MuJoCo: arms, their loads, and objects, with rigid bodies, contact and gravity.
-// SimulatedArm adds the behavior of an arm. Names: elements of an arm are "<arm>/<name in its MJCF>", tool
+// SimulatedArm adds an arm's own behavior. Names: elements of an arm are "<arm>/<name in its MJCF>", tool
 // and payload are "<arm>/tool" and "<arm>/payload", tool shapes "<arm>/tool_shape1" and so on, an object's
 // body and geom have the object's name. The constructor throws std::invalid_argument if MuJoCo cannot compile
 // the scene or if bodies penetrate at the start (with names and depth). No later call allocates.
@@ -113,14 +113,14 @@ class World {
   // Dry friction torque of a joint in the last physics step [N m].
   double stiction_torque(int dof) const;
 
-  // Resets everything to the start, including MuJoCo's clock. False: engine error.
+  // Resets everything to the start, including MuJoCo's clock. Returns false on an engine error.
   bool reset();
   // Updates contacts and forces without a step. False: engine error.
   bool forward();
   // One physics step. False: engine error, or positions, velocities or accelerations diverged.
   bool step();
-  // Moves a free object, at rest. False (nothing changed): it would penetrate another by
-  // more than kPenetration.
+  // Moves a free object, at rest. Returns false, changing nothing, if it would penetrate another by more
+  // than kPenetration.
   bool place(std::size_t object, const Pose& X_WO);
   static constexpr double kPenetration = 1e-3;  // [m]
 
@@ -151,5 +151,23 @@ class World {
   std::vector<char> tip_;
   std::vector<double> qpos_start_;
 };
+
+inline Eigen::Map<const Vector3> vector_at(const mjtNum* values) { return Eigen::Map<const Vector3>(values); }
+// MuJoCo's matrices are row-major.
+inline Matrix3 matrix_at(const mjtNum* values) {
+  return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(values);
+}
+
+// Compiles arms and objects to one MuJoCo model, owned by the caller. Throws std::invalid_argument with
+// MuJoCo's reason.
+mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
+                 const WorldPhysics& physics);
+
+// Stiffer contacts between fingers and free objects, so that fingers can hold them.
+void add_finger_pairs(mjSpec* spec, const std::vector<WorldArm>& arms,
+                      const std::vector<SceneObject>& objects);
+
+// One weld for each pair of a suction cup and a free object; none is active at the start.
+void add_cup_welds(mjSpec* spec, const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects);
 
 }  // namespace multipanda

@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "backends/mujoco/compose.hpp"
 #include "backends/mujoco/world.hpp"
 
 // Fingers and suction cups in the world.
@@ -50,7 +49,7 @@ void add_cup_welds(mjSpec* spec, const std::vector<WorldArm>& arms, const std::v
       weld->active = 0;
       mjs_setString(weld->name1, (arm.name + "/link" + std::to_string(arm.joint_count)).c_str());
       mjs_setString(weld->name2, object.name.c_str());
-      weld->data[10] = 1;  // a twist counts as it is, in meters per radian
+      weld->data[10] = 1;  // counts rotation errors directly, in meters per radian
       // A rubber lip: 0.1 mm deflection under one kilogram.
       weld->solref[0] = 0.005;
       weld->solimp[0] = weld->solimp[1] = 0.99;
@@ -94,7 +93,7 @@ void World::push_fingers(std::size_t arm, double force) {
 
 Pose World::X_WV(std::size_t arm) const { return X_WF(arm) * *arms_[arm].X_FE_vacuum; }
 
-// Rays start behind the opening, because the object's surface lies inside a cup that presses.
+// Rays start behind the opening, because the object's surface is inside a pressing cup.
 std::optional<std::size_t> World::object_at_cup(std::size_t arm, double reach) const {
   constexpr double kBehind = 0.02;  // [m]
   const Pose X_WV_cup = X_WV(arm);
@@ -129,8 +128,7 @@ void World::let_go(std::size_t arm) {
   }
 }
 
-// The weld keeps the object's orientation in the last link, and the place of its point that is now
-// at the cup.
+// The weld keeps the object's orientation in the last link, and the position of its point at the cup.
 void World::hold(std::size_t arm, std::size_t object) {
   let_go(arm);
   const ArmPlaces& places = arms_[arm];

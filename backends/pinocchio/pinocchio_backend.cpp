@@ -4,8 +4,8 @@
 
 #include <Eigen/Cholesky>
 
+#include "backends/simulated_arm/friction.hpp"
 #include "backends/simulated_arm/from_scene.hpp"
-#include "backends/simulated_arm/joint_friction.hpp"
 #include "core/types/time.hpp"
 #include "models/arm_source.hpp"
 #include "scene/build.hpp"
@@ -43,6 +43,7 @@ Capabilities PinocchioBackend::capabilities(ArmIndex) const {
 }
 
 void PinocchioBackend::start() {
+  if (paced_) requests_.refuse_after_gaps();
   requests_.open();
   pacer_.start();
 }
@@ -77,7 +78,7 @@ void PinocchioBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
   commanded_ = true;
 }
 
-// The period that the last write() began.
+// The period started by the last write().
 void PinocchioBackend::advance() {
   if (!commanded_) return;
   commanded_ = false;
@@ -127,7 +128,7 @@ void PinocchioBackend::step(Arm& arm, double dt) {
 void PinocchioBackend::measure(Arm& arm) {
   arm.measurement.q = arm.q;
   arm.measurement.dq = arm.dq;
-  // Before the first period the motors support the arm.
+  // Before the first period, motors support the arm.
   if (periods_ == 0 && !commanded_ && arm.measurement.tau_link.isZero()) {
     arm.measurement.tau_link = arm.behavior.motor_torque(arm.q, arm.dq, 0);
   }

@@ -14,8 +14,8 @@
 
 namespace multipanda {
 
-// The scene's arms as rigid bodies in empty space, in lock-step: an independent reference for MuJoCo between
-// contacts, and a world for tests without an engine. Objects of the scene are ignored.
+// The scene's arms as rigid bodies in empty space, in lock-step: an independent reference for contact-free
+// MuJoCo, and a world for tests without an engine. Objects of the scene are ignored.
 //
 //   (M(q) + J) ddq = tau_motor - tau_f(dq) - C(q, dq) dq - g(q)
 //
@@ -65,7 +65,7 @@ class PinocchioBackend : public Backend {
   std::deque<Arm> arms_;
   Pacer pacer_;
   std::int64_t periods_ = 0;
-  bool commanded_ = false;  // commands wait for the next period
+  bool commanded_ = false;  // commands are ready for the next period
   bool paused_ = false;
   RequestBox requests_;
 };

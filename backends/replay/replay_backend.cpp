@@ -44,7 +44,7 @@ struct Recorded {
   std::map<std::string, msg::ArmConfig> configs;
 };
 
-// A log that leaves out states or commands on purpose would be replayed in leaps.
+// A log recorded with fewer states or commands would be replayed in jumps.
 void check_whole(const std::filesystem::path& log, const McapReader& reader) {
   for (const auto& metadata : reader.metadata()) {
     const auto every = metadata.values.find("log_every");
@@ -192,7 +192,7 @@ void ReplayBackend::write(ArmSet due, std::span<const ArmCommand> commands) {
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
     if (!due.contains(i)) continue;
     const double difference = (commands[i].tau_cmd - cycle.commands[i]).lpNorm<Eigen::Infinity>();
-    // A comparison that is false for NaN.
+    // False for NaN.
     if (!(difference <= largest_difference_)) largest_difference_ = difference;
     ++compared_;
   }

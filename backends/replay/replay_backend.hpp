@@ -10,8 +10,8 @@
 
 namespace multipanda {
 
-// Replays a log: delivers the recorded states of every arm, cycle by cycle, and compares the commands with
-// the recorded ones. A controller that starts as the recorded one gives the same commands.
+// Replays a log: delivers the recorded states of every arm, cycle by cycle, and compares commands with the
+// recorded ones. A controller with the same initial state gives the same commands.
 //
 // The whole log is read before the start (about 0.4 kB per arm and cycle). Requests are refused: a recording
 // cannot be changed.
@@ -43,10 +43,9 @@ class ReplayBackend : public Backend {
   using Backend::request;
   std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override;
 
-  // Cycles of the recording that have both a state and a command of every arm.
+  // Cycles of the recording with both a state and a command of every arm.
   std::size_t cycle_count() const { return cycles_.size(); }
-  // The largest difference of a joint's commanded torque from the recorded one, over the cycles so far [N m];
-  // 0: the same bits.
+  // Largest difference between commanded and recorded joint torque so far [N m]; 0: identical bits.
   double largest_difference() const { return largest_difference_; }
   std::size_t compared() const { return compared_; }  // commands compared so far
 

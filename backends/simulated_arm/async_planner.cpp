@@ -8,7 +8,7 @@
 namespace multipanda {
 namespace {
 
-constexpr int kBisections = 60;  // to the last digit
+constexpr int kBisections = 60;  // to full precision
 constexpr double kNothing = 1e-12;
 
 }  // namespace
@@ -74,7 +74,7 @@ double AsyncPlanner::calm(Way& way, Eigen::Index joint, const State& now, double
   return now.v + t * (now.a + t * j / 2);
 }
 
-// From constant velocity v0 to vc, cruising, and to rest. Without cruising the distance is
+// From constant velocity v0 to vc, cruising, then to rest. Without cruising the distance is
 //   D(vc) = (v0 + vc)/2 T(vc - v0) + vc/2 T(vc),
 // and cruising covers the rest of d. A negative cruising time means that vc is not possible.
 AsyncPlanner::Approach AsyncPlanner::approach(Eigen::Index joint, double v0, double d, double vc) const {

@@ -2,12 +2,13 @@
 
 #include <array>
 
-#include "backends/simulated_arm/motion_limits.hpp"
+#include "backends/simulated_arm/measured_limits.hpp"
 
 namespace multipanda {
 
 // Joint motion to successive targets, planned by the arm itself, with limited velocity, acceleration and
-// jerk. It ends at rest and accepts a new target at any time.
+// jerk. It ends at rest and accepts a new target at any time. It shares no code with Reference, which plans
+// commands to an arm: the simulated arm would otherwise hide faults of that code.
 //
 // Each joint brings its acceleration to zero, changes to a cruising velocity, cruises, and brakes to rest.
 // Changes of velocity use the jerk limit and, if long enough, the acceleration limit. The slowest joint sets
@@ -19,9 +20,9 @@ class AsyncPlanner {
  public:
   explicit AsyncPlanner(MotionLimits limits);
 
-  // At rest in q. dq_max (n x 1) [rad/s]: positive; what exceeds the arm's own limits is lowered to them.
+  // At rest in q. dq_max (n x 1) [rad/s]: positive; limited to the arm's own limits.
   void start(const JointVector& q, const JointVector& dq_max);
-  // The current target changes nothing. The caller has checked the position limits.
+  // Setting the current target again has no effect. The caller has checked the position limits.
   void set_target(const JointVector& q);
   // Stops as soon as the limits allow.
   void stop();

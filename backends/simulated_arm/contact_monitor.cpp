@@ -1,6 +1,7 @@
 #include "backends/simulated_arm/contact_monitor.hpp"
 
 #include <cmath>
+#include <numbers>
 
 #include <Eigen/Cholesky>
 
@@ -21,7 +22,7 @@ double distance_from_singularity(const Jacobian& J) {
   return std::isfinite(trace) ? 1 / trace : 0;
 }
 
-// Marks values above the lower and upper thresholds, and keeps the largest excess above the upper one.
+// Marks values above the lower and upper thresholds, and keeps the largest excess over the upper one.
 template <typename Vector>
 void compare(const Vector& value, const Vector& lower, const Vector& upper, ArmError error, Vector& contact,
              Vector& above, ReflexDetail& collision) {
@@ -39,13 +40,17 @@ void compare(const Vector& value, const Vector& lower, const Vector& upper, ArmE
 
 }  // namespace
 
-ContactMonitor::ContactMonitor(std::size_t joint_count) : observer_(joint_count) {
+ContactMonitor::ContactMonitor(std::size_t joint_count, bool as_real, const MassExcess& hand)
+    : as_real_(as_real),
+      hand_(hand),
+      observer_(joint_count, as_real ? kRealFirst : ExternalForceObserver::kBandwidth) {
   estimate_.tau_ext_hat = joint_constant(joint_count, 0);
-  estimate_.tau_J = dq_slow_ = joint_contact_ = joint_above_ = estimate_.tau_ext_hat;
+  second_stage_ = estimate_.tau_J = dq_slow_ = joint_contact_ = joint_above_ = estimate_.tau_ext_hat;
 }
 
 void ContactMonitor::reset() {
   observer_.reset();
+  second_stage_.setZero();
   estimate_.tau_ext_hat.setZero();
   F_K_W_ = F_K_K_ = {};
   begun_ = accelerating_ = false;
@@ -56,12 +61,30 @@ void ContactMonitor::reset() {
   joint_collision_ = cartesian_collision_ = {};
 }
 
-void ContactMonitor::sense(ModelTerms& terms, const ArmState& state) {
+// The torque that holds the excess of the hand.
+JointVector ContactMonitor::excess_weight(ModelTerms& terms, const Jacobian& J_V_WK) const {
+  constexpr double kGravity = 9.81;
+  const Vector3 weight(0, 0, -kGravity);
+  const Pose &X_WF = terms.X_WF(), &X_WK = terms.X_WK();
+  const Vector3 moment_K = X_WF.rotation * hand_.moment - hand_.mass * (X_WK.position - X_WF.position);
+  Vector6 F_K_W;
+  F_K_W << hand_.mass * weight, moment_K.cross(weight);
+  return -J_V_WK.transpose().lazyProduct(F_K_W);
+}
+
+void ContactMonitor::sense(ModelTerms& terms, const ArmState& state, double dt) {
   estimate_.t_robot = state.t_robot;
   estimate_.config_version = state.config_version;
   estimate_.tau_J = state.tau_J;
   const Jacobian J_V_WK = terms.J_V_WK();
   observer_.update({terms.momentum(), terms.momentum_drift(), J_V_WK}, estimate_);
+  if (as_real_) {
+    const double rate = -std::expm1(-2 * std::numbers::pi * kRealSecond * dt);
+    estimate_.tau_ext_hat -= excess_weight(terms, J_V_WK);
+    second_stage_ += rate * (estimate_.tau_ext_hat - second_stage_);
+    estimate_.tau_ext_hat = second_stage_;
+    estimate_.F_K_W_est = wrench_of(J_V_WK, second_stage_);
+  }
   if (distance_from_singularity(J_V_WK) < kSingular) {
     F_K_W_ = F_K_K_ = {};
     return;
@@ -74,7 +97,7 @@ void ContactMonitor::sense(ModelTerms& terms, const ArmState& state) {
 
 void ContactMonitor::update(ModelTerms& terms, const ArmState& state, const JointVector& desired_ddq,
                             double dt, const SetCollisionThresholds& thresholds) {
-  sense(terms, state);
+  sense(terms, state, dt);
   if (!begun_) dq_slow_ = state.dq;
   begun_ = true;
   const double rate = 1 - std::exp(-kRateFilter * dt);

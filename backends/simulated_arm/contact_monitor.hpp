@@ -1,21 +1,28 @@
 #pragma once
 
+#include "arm_interface/arm_error.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/state/external_force.hpp"
-#include "device/arm_error.hpp"
 
 namespace multipanda {
 
+// The arm's settings name its hand with rounded figures: what they have beyond the arm's model.
+struct MassExcess {
+  double mass = 0;                   // [kg]
+  Vector3 moment = Vector3::Zero();  // mass times center, in F [kg m]
+};
+
 // Contact detection of the arm: external torques and the wrench at K from the momentum observer
-// (core/state/external_force.hpp) with the arm's own model. For each joint and axis of K (x y z roll pitch
-// yaw), with absolute values:
+// (core/state/external_force.hpp) with the arm's own model. Real arms' own estimate follows through two
+// first-order stages, and counts the hand that their settings name. For each joint and axis of K (x y z roll
+// pitch yaw), with absolute values:
 //
 //   above lower: contact;  above upper: collision, which stops a moving arm
 //
 // While the arm accelerates, the thresholds for acceleration apply, otherwise the nominal ones. The arm
 // accelerates if the desired motion does or, without one, if a measured joint velocity changes by more than
-// kAccelerating after a filter of kRateFilter. These values are chosen here; Franka documents none. Near
+// kAccelerating after a filter of kRateFilter. These values are ours; Franka documents none. Near
 // singular poses the wrench cannot be computed from joint torques: it is zero there, as in Franka's
 // documentation. "Near" is 1/tr((J J^T)^-1) < kSingular, J at K: that is 1/6 to 1 of the smallest eigenvalue
 // of J J^T.
@@ -25,7 +32,10 @@ class ContactMonitor {
   static constexpr double kRateFilter = 60;     // [rad/s]
   static constexpr double kSingular = 5e-4;
 
-  explicit ContactMonitor(std::size_t joint_count);
+  static constexpr double kRealFirst = 12, kRealSecond = 6;  // stages of real arms [Hz]
+
+  // `as_real`: the estimate of real arms.
+  explicit ContactMonitor(std::size_t joint_count, bool as_real = false, const MassExcess& hand = {});
 
   // Resets to no contact, at rest.
   void reset();
@@ -42,7 +52,7 @@ class ContactMonitor {
   const Vector6& cartesian_contact() const { return cartesian_contact_; }
   bool accelerating() const { return accelerating_; }
 
-  // The largest excess of an upper threshold, joint_reflex before cartesian_reflex; or none.
+  // The largest excess over an upper threshold, joint_reflex before cartesian_reflex; or none.
   ReflexDetail collision() const { return joint_collision_ ? joint_collision_ : cartesian_collision_; }
   const ReflexDetail& joint_collision() const { return joint_collision_; }
   const ReflexDetail& cartesian_collision() const { return cartesian_collision_; }
@@ -51,9 +61,13 @@ class ContactMonitor {
   const Vector6& cartesian_levels() const { return cartesian_above_; }
 
  private:
-  void sense(ModelTerms& terms, const ArmState& state);
+  void sense(ModelTerms& terms, const ArmState& state, double dt);
+  JointVector excess_weight(ModelTerms& terms, const Jacobian& J_V_WK) const;
 
+  bool as_real_;
+  MassExcess hand_;
   ExternalForceObserver observer_;
+  JointVector second_stage_;
   ArmState estimate_;  // input and output of the observer
   Wrench F_K_W_, F_K_K_;
   JointVector dq_slow_;

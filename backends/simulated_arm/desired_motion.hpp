@@ -4,23 +4,41 @@
 #include <memory>
 #include <span>
 
+#include "arm_interface/arm_error.hpp"
+#include "arm_interface/arm_interface.hpp"
 #include "backends/simulated_arm/async_planner.hpp"
 #include "backends/simulated_arm/inverse_kinematics.hpp"
-#include "backends/simulated_arm/motion_limits.hpp"
+#include "backends/simulated_arm/measured_limits.hpp"
+#include "core/types/spatial.hpp"
 #include "core/types/time.hpp"
-#include "device/arm_error.hpp"
-#include "device/arm_interface.hpp"
 
+// Small motions between poses, and checks of pose matrices. No allocation.
 namespace multipanda {
 
-// The desired motion, as the arm publishes it. Derivatives are backward differences over one period of 1 ms.
+// [p - p_before; rotation vector of R R_before^T], axes of the frame that both are given in [m, rad]. From
+// the skew part: errors of orthonormality in either, like those of single precision, do not reach it.
+Vector6 pose_difference(const Pose& X, const Pose& X_before);
+
+// The pose that differs from X by dX in that sense.
+Pose displaced(const Pose& X, const Vector6& dX);
+
+// The rotation nearest to R, which must be within about 0.1 of one: two steps of Newton's iteration for the
+// polar factor, error 1e-5 -> 1e-20.
+Matrix3 nearest_rotation(Matrix3 R);
+
+// Deviation of T from a right-handed rotation and a last row 0 0 0 1, by lengths of rows and columns, with
+// the check and tolerance of Franka's client. 1 or more: not a frame.
+double error_of_frame(const Eigen::Matrix4d& T);
+
+// The desired motion as published by the arm. Derivatives are backward differences over one period of 1 ms.
 struct DesiredState {
   JointVector q, dq, ddq;            // q_d, dq_d, ddq_d (n x 1)
   Pose X_BE_d, X_BE_c;               // O_T_EE_d = kinematics of q_d; O_T_EE_c, with an exact rotation
   Twist V_BE_d, V_BE_c;              // O_dP_EE_d, O_dP_EE_c
   Vector6 A_BE_d = Vector6::Zero();  // not published; for the arm's own controllers [m/s^2, rad/s^2]
   Vector6 A_BE_c = Vector6::Zero();  // O_ddP_EE_c [m/s^2, rad/s^2]
-  // elbow_c: as commanded; elbow_d and its differences where none was. Second entries of the differences: 0.
+  // elbow_c: as commanded; elbow_d and its differences without a command. Second entries of the
+  // differences: 0.
   Elbow elbow_d{}, elbow_c{}, delbow_c{}, ddelbow_c{};
 };
 
@@ -32,8 +50,8 @@ enum class MotionStep : std::uint8_t {
   input_error    // a command that is not finite or of the wrong size; the state stays
 };
 
-// The motion generators of the arm's interface (enum MotionGenerator, arm_interface.hpp): makes the desired
-// motion of every period from the commands, and checks them as the arm does. Any thread; only the constructor
+// The motion generators of the arm's interface (enum MotionGenerator, arm_interface.hpp): turn commands into
+// the desired motion of every period, and check them as the arm does. Any thread; only the constructor
 // allocates; at most 10 us per step.
 //
 // hold() -> [start() -> step() ... at_rest | still_moving | violation | input_error] -> hold() ...
@@ -46,8 +64,8 @@ enum class MotionStep : std::uint8_t {
 // - velocities tied to positions: those at the last desired position and two periods' deceleration more; a
 // client that brakes along such a limit lags by that much. Rules: commanded joint position, velocity,
 // acceleration and jerk; commanded Cartesian and elbow velocity, acceleration and jerk (of translation and
-// rotation: Euclidean norms); the frame; and position, velocity, acceleration of the joints that the inverse
-// kinematics finds (no jerk: the rounding of published poses would exceed it).
+// rotation: Euclidean norms); the frame; and position, velocity, acceleration and jerk of the joints that the
+// inverse kinematics finds.
 //
 // The first command of a position or pose generator either continues the start at rest within the limits, or
 // lies within the start tolerance: then the motion begins there, at rest. Any other first command is an
@@ -74,8 +92,8 @@ class DesiredMotion {
 
   // Starts a motion at the position of the last hold(). Never returns not_possible.
   MotionStart start(const MotionRequest& request);
-  // One period; nullptr: no command came. Asynchronous motion: a command sets the target, nullptr is normal,
-  // and motion_finished makes the arm brake: `moving` until it stops, then `at_rest`.
+  // One period; nullptr: no command arrived. Asynchronous motion: a command sets the target, nullptr is
+  // normal, and motion_finished makes the arm brake: `moving` until it stops, then `at_rest`.
   MotionStep step(const InterfaceCommand* command);
 
   const DesiredState& state() const { return state_; }
@@ -86,7 +104,7 @@ class DesiredMotion {
   MotionGenerator generator() const { return generator_; }
 
  private:
-  // The published part of the desired motion that clients use, in the precision of the wire.
+  // The published part of the desired motion used by clients, in the precision of the wire.
   struct Published {
     Eigen::Matrix<float, Eigen::Dynamic, 1, Eigen::ColMajor, kMaxJoints, 1> q, dq, ddq;
     Eigen::Matrix3f R;
@@ -95,7 +113,7 @@ class DesiredMotion {
     float elbow = 0, delbow = 0, ddelbow = 0;
     Pose pose() const { return {R.cast<double>(), p.cast<double>()}; }
   };
-  // One period's commanded pose and elbow, and what they mean against the history and its published form.
+  // One period's commanded pose and elbow, compared with the history and its published form.
   struct CartesianCommand {
     Pose X;
     Vector6 V = Vector6::Zero(), V_published = Vector6::Zero(), A = Vector6::Zero();
@@ -126,6 +144,7 @@ class DesiredMotion {
   void publish();
   void report(ArmError error, int index, double value, double limit);
   void report(ArmError error, const Worst& worst);
+  void report(ArmError of_velocity, const Worst& velocity, const Worst& acceleration, const Worst& jerk);
 
   std::shared_ptr<const ArmModel> model_;
   MotionLimits limits_;

@@ -3,7 +3,6 @@
 #include <optional>
 
 #include "backends/simulated_arm/desired_motion.hpp"
-#include "backends/simulated_arm/pose_steps.hpp"
 
 namespace multipanda {
 MotionStep DesiredMotion::step_cartesian(const InterfaceCommand* command) {
@@ -62,7 +61,7 @@ MotionStep DesiredMotion::step_cartesian(const InterfaceCommand* command) {
   return MotionStep::moving;
 }
 
-// No command: extrapolate with the last acceleration.
+// No command: extrapolates with the last acceleration.
 void DesiredMotion::extrapolate(CartesianCommand& requested) const {
   requested.A = state_.A_BE_c;
   requested.V = requested.V_published = state_.V_BE_c.vector + kArmPeriod * requested.A;
@@ -108,7 +107,7 @@ MotionStep DesiredMotion::read_cartesian(const InterfaceCommand& command, Cartes
   return MotionStep::moving;
 }
 
-// A first command that does not continue the start may be a new start, near enough and at rest.
+// A first command that does not continue the start may be a new start, if it is close enough and at rest.
 void DesiredMotion::begin_cartesian(CartesianCommand& requested, bool other_pose, bool other_elbow) {
   violation_count_ = 0;
   const Vector6 off = pose_difference(requested.X, state_.X_BE_c);

@@ -7,7 +7,7 @@
 namespace multipanda {
 namespace {
 
-// Start tolerances and positions are absolute; a client may be exactly on a limit.
+// Tolerances of start and positions are absolute; a client may be exactly at a limit.
 constexpr double kPositionSlack = 1e-6;  // [rad]
 // Error of the jerk from rounding a position.
 constexpr double kJointJerkSlack =
@@ -35,7 +35,7 @@ struct DesiredMotion::Worst {
     limit = std::copysign(bound, least);
   }
 
-  // A velocity against limits of its sign; at the end of the range they are zero.
+  // Compares a velocity with the limit of its sign; at the end of the range it is zero.
   void see_velocity(int i, double exact, double published, double lower, double upper) {
     constexpr double kStill = 1e-9;  // [rad/s]
     const double least = std::abs(exact) < std::abs(published) ? exact : published;
@@ -69,9 +69,7 @@ void DesiredMotion::check_joint_command(const JointVector& q, const JointVector&
     jerk.see(joint, (ddq - state_.ddq[i]) / kArmPeriod, (ddq_p - ddq_before[i]) / kArmPeriod,
              limits_.dddq_max[i] + kJointJerkSlack);
   }
-  report(ArmError::joint_motion_generator_velocity_limits_violation, velocity);
-  report(ArmError::joint_motion_generator_velocity_discontinuity, acceleration);
-  report(ArmError::joint_motion_generator_acceleration_discontinuity, jerk);
+  report(ArmError::joint_motion_generator_velocity_limits_violation, velocity, acceleration, jerk);
 }
 
 // The limit at the last desired position, with the delay of a braking client (see the header).
@@ -90,19 +88,16 @@ void DesiredMotion::check_twist(const Vector6& V, const Vector6& V_published) {
                 A_p = (V_published - published_.V.cast<double>()) / kArmPeriod;
   const Vector6 J = (A - state_.A_BE_c) / kArmPeriod, J_p = (A_p - published_.A.cast<double>()) / kArmPeriod;
   const CartesianLimits& c = limits_.cartesian;
-  const auto rule = [this](ArmError error, const Vector6& exact, const Vector6& published, double linear,
-                           double angular) {
+  const auto worst = [](const Vector6& exact, const Vector6& published, double linear, double angular) {
     Worst worst;
     worst.see(0, exact.head<3>().norm(), published.head<3>().norm(), linear);
     worst.see(3, exact.tail<3>().norm(), published.tail<3>().norm(), angular);
-    report(error, worst);
+    return worst;
   };
-  rule(ArmError::cartesian_motion_generator_velocity_limits_violation, V, V_published, c.velocity,
-       c.rotation_velocity);
-  rule(ArmError::cartesian_motion_generator_velocity_discontinuity, A, A_p, c.acceleration,
-       c.rotation_acceleration);
-  rule(ArmError::cartesian_motion_generator_acceleration_discontinuity, J, J_p, c.jerk + kPoseJerkSlack,
-       c.rotation_jerk + kPoseJerkSlack);
+  report(ArmError::cartesian_motion_generator_velocity_limits_violation,
+         worst(V, V_published, c.velocity, c.rotation_velocity),
+         worst(A, A_p, c.acceleration, c.rotation_acceleration),
+         worst(J, J_p, c.jerk + kPoseJerkSlack, c.rotation_jerk + kPoseJerkSlack));
 }
 
 void DesiredMotion::check_elbow(double elbow) {
@@ -128,11 +123,15 @@ void DesiredMotion::check_elbow(double elbow) {
 void DesiredMotion::check_solution(const InverseKinematics::Solution& solution, const JointVector& dq,
                                    const JointVector& dq_published, const JointVector& ddq_published) {
   check_joint_positions(solution.q);
-  Worst velocity, acceleration;
+  Worst velocity, acceleration, jerk;
   for (Eigen::Index i = 0; i < dq.size(); ++i) {
     const int joint = static_cast<int>(i);
+    const double ddq = (dq[i] - state_.dq[i]) / kArmPeriod;
     velocity.see_velocity(joint, dq[i], dq_published[i], lower_velocity(i), upper_velocity(i));
-    acceleration.see(joint, (dq[i] - state_.dq[i]) / kArmPeriod, ddq_published[i], limits_.ddq_max[i]);
+    acceleration.see(joint, ddq, ddq_published[i], limits_.ddq_max[i]);
+    jerk.see(joint, (ddq - state_.ddq[i]) / kArmPeriod,
+             (ddq_published[i] - static_cast<double>(published_.ddq[i])) / kArmPeriod,
+             limits_.dddq_max[i] + kJointJerkSlack);
   }
   if (!solution.met && !velocity.found()) {
     // Out of reach: the joints would exceed all limits.
@@ -144,6 +143,7 @@ void DesiredMotion::check_solution(const InverseKinematics::Solution& solution, 
   }
   report(ArmError::cartesian_motion_generator_joint_velocity_limits_violation, velocity);
   report(ArmError::cartesian_motion_generator_joint_velocity_discontinuity, acceleration);
+  report(ArmError::cartesian_motion_generator_joint_acceleration_discontinuity, jerk);
 }
 
 void DesiredMotion::report(ArmError error, int index, double value, double limit) {
@@ -153,6 +153,20 @@ void DesiredMotion::report(ArmError error, int index, double value, double limit
 }
 void DesiredMotion::report(ArmError error, const Worst& worst) {
   if (worst.found()) report(error, worst.index, worst.value, worst.limit);
+}
+
+// As real arms are reported to (docs/like_a_real_arm.md): a step is no excess of velocity, and a step of a
+// commanded velocity none of acceleration either.
+void DesiredMotion::report(ArmError of_velocity, const Worst& velocity, const Worst& acceleration,
+                           const Worst& jerk) {
+  const auto next = [of_velocity](int k) {  // the flags of acceleration and jerk follow it
+    return static_cast<ArmError>(static_cast<int>(of_velocity) + k);
+  };
+  const bool by_velocity =
+      generator_ == MotionGenerator::joint_velocity || generator_ == MotionGenerator::cartesian_velocity;
+  if (!acceleration.found() && !jerk.found()) report(of_velocity, velocity);
+  if (!by_velocity || !jerk.found()) report(next(1), acceleration);
+  report(next(2), jerk);
 }
 
 }  // namespace multipanda

@@ -2,12 +2,13 @@
 
 #include <stdexcept>
 
+#include "arm_interface/declared_hand.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
 namespace {
 
-// Each arm has its own noise.
+// Independent noise for each arm.
 std::uint64_t seed_of(std::uint64_t scene_seed, std::size_t arm) {
   std::uint64_t z = scene_seed + 0x9E3779B97F4A7C15u * (arm + 1);  // SplitMix64
   z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9u;
@@ -15,9 +16,26 @@ std::uint64_t seed_of(std::uint64_t scene_seed, std::size_t arm) {
   return z ^ z >> 31;
 }
 
+// Real sensors have noise of their own.
+PlantFidelity without_usual_noise(PlantFidelity plant) {
+  const PlantFidelity usual = PlantFidelity::realistic();
+  for (double PlantFidelity::*noise :
+       {&PlantFidelity::noise_q_rad, &PlantFidelity::noise_dq_rad_per_s, &PlantFidelity::noise_tau_nm}) {
+    if (plant.*noise == usual.*noise) plant.*noise = 0;
+  }
+  return plant;
+}
+
+MassExcess hand_excess(const RobotDescription& robot) {
+  const RigidBody body = rigid_hand(*robot.hand);
+  const Load hand{body.mass, robot.hand->mount.pose() * body.com, body.inertia},
+      declared = declared_hand(hand);
+  return {declared.mass - hand.mass, declared.mass * declared.p_FC - hand.mass * hand.p_FC};
+}
+
 }  // namespace
 
-SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm) {
+SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm, bool real_sensors) {
   const ArmConfig config = arm_config(scene.arms[arm]);
   const RobotDescription robot = robot_of(scene.arms[arm]), plant = plant_robot_of(scene.arms[arm]);
   // The firmware knows the rotors of the arm's model, not the motor_inertia of an individual arm.
@@ -27,7 +45,7 @@ SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm) {
       .frames = config.frames,
       .tool = config.tool,
       .load = config.load,
-      .plant = scene.plant,
+      .plant = real_sensors ? without_usual_noise(scene.plant) : scene.plant,
       .seed = seed_of(scene.seed, arm),
       .period_s = kArmPeriod,
       .thresholds = scene.arms[arm].collision,
@@ -39,7 +57,9 @@ SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm) {
           plant.transmission ? *plant.transmission : transmission_of(scene.plant, robot.joint_count()),
       .rotor_inertia = individual ? JointVector() : acting_motor_inertia(robot, scene.arms[arm].rotor_hidden),
       .friction = friction_of(scene, robot),
-      .motion_limits = MotionLimits::of(robot)};
+      .motion_limits = MotionLimits::of(robot),
+      .real_sensors = real_sensors,
+      .hand_excess = real_sensors && scene.arms[arm].hand && robot.hand ? hand_excess(robot) : MassExcess{}};
 }
 
 std::optional<JointFriction> friction_of(const Scene& scene, const RobotDescription& robot) {

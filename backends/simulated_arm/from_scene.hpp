@@ -6,11 +6,12 @@
 #include "models/robot_description.hpp"
 #include "scene/scene.hpp"
 
-// Parts of a scene that all simulated backends use.
+// Shared by all simulated backends: parts of a scene.
 namespace multipanda {
 
-// The arm's own behavior: model, frames, declared tool and load, fidelity, its own seed.
-SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm);
+// Settings of the arm's own behavior: model, frames, declared tool and load, fidelity, seed. `real_sensors`:
+// SimulatedArmConfig::real_sensors, in place of the usual noise of fidelity `realistic`.
+SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm, bool real_sensors = false);
 
 // The joint friction of the plant; none if the scene's fidelity has none.
 // Throws std::invalid_argument if the scene requests it and the robot has no friction table.

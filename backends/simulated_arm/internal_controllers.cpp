@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "backends/simulated_arm/joint_friction.hpp"
+#include "backends/simulated_arm/friction.hpp"
 #include "core/model/coupled_modes.hpp"
 #include "core/types/time.hpp"
 #include "core/types/triangular.hpp"
@@ -31,7 +31,7 @@ Vector modal_effort(const CoupledModes<Matrix>& modes, const Vector& e, const Ve
   return Q.lazyProduct(fast) + slow;
 }
 
-// Seven joints have a fixed size: three times as fast, with the same results.
+// Fixed size for seven joints: three times as fast, same results.
 template <int N>
 JointVector joint_effort(const JointMatrix& M, const JointVector& stiffness, const JointVector& e,
                          const JointVector& de, JointVector& slow) {

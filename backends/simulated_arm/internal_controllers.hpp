@@ -39,7 +39,7 @@ class InternalControllers {
   // Starts a motion: resets the slow part and the filters.
   void start();
 
-  // terms: updated at the measured q, dq, with the frames and loads in force. q_d, dq_d, ddq_d (n x 1),
+  // terms: updated at the measured q, dq, with the active frames and loads. q_d, dq_d, ddq_d (n x 1),
   // stiffness K_theta (n x 1) [N m/rad].
   const JointVector& joint_impedance(ModelTerms& terms, const JointVector& q_d, const JointVector& dq_d,
                                      const JointVector& ddq_d, const JointVector& stiffness);

@@ -20,6 +20,44 @@ struct Worst {
 
 }  // namespace
 
+MotionLimits MotionLimits::of(const RobotDescription& robot) {
+  MotionLimits limits;
+  const JointLimits& joints = robot.limits;
+  limits.q_min = joints.q_min;
+  limits.q_max = joints.q_max;
+  limits.dq_max = joints.dq_max;
+  limits.ddq_max = joints.ddq_max;
+  limits.dddq_max = joints.dddq_max;
+  if (const auto& tied = robot.position_based_velocity) {
+    limits.q_min = tied->q_min;
+    limits.q_max = tied->q_max;
+    limits.velocity_offset = tied->offset;
+    limits.deceleration = tied->deceleration;
+  }
+  limits.cartesian = robot.cartesian.value_or(CartesianLimits{.velocity = 3.0,
+                                                              .acceleration = 9.0,
+                                                              .jerk = 4500,
+                                                              .rotation_velocity = 2.5,
+                                                              .rotation_acceleration = 17,
+                                                              .rotation_jerk = 8500,
+                                                              .elbow_velocity = 1.5,
+                                                              .elbow_acceleration = 10,
+                                                              .elbow_jerk = 5000});
+  return limits;
+}
+
+double MotionLimits::upper_velocity(Eigen::Index joint, double q) const {
+  if (velocity_offset.size() == 0) return dq_max[joint];
+  const double room = std::max(0.0, 2 * deceleration[joint] * (q_max[joint] - q));
+  return std::min(dq_max[joint], std::max(0.0, std::sqrt(room) - velocity_offset[joint]));
+}
+
+double MotionLimits::lower_velocity(Eigen::Index joint, double q) const {
+  if (velocity_offset.size() == 0) return -dq_max[joint];
+  const double room = std::max(0.0, 2 * deceleration[joint] * (q - q_min[joint]));
+  return -std::min(dq_max[joint], std::max(0.0, std::sqrt(room) - velocity_offset[joint]));
+}
+
 MeasuredLimits::MeasuredLimits(MotionLimits limits, const JointVector& tau_max,
                                std::optional<WorkspaceBox> workspace)
     : limits_(std::move(limits)),
@@ -69,13 +107,37 @@ ReflexDetail MeasuredLimits::check(const Measured& m) {
               workspace_->min[k] - p);
   }
   if (worst.detail || !m.cartesian_motion) return worst.detail;
-  // Of translation and of rotation as a whole: index 0 and 3.
+  // Norm of translation or rotation: index 0 and 3.
   const double linear = kVelocityMargin * limits_.cartesian.velocity;
   const double angular = kVelocityMargin * limits_.cartesian.rotation_velocity;
   const double v = m.V_BE.head<3>().norm(), w = m.V_BE.tail<3>().norm();
   worst.see(ArmError::cartesian_velocity_violation, 0, v, linear, v / linear - 1);
   worst.see(ArmError::cartesian_velocity_violation, 3, w, angular, w / angular - 1);
   return worst.detail;
+}
+
+TorqueRateCheck::TorqueRateCheck(const JointVector& rate_max, double period_s)
+    : rate_max_(rate_max),
+      last_(JointVector::Zero(rate_max.size())),
+      replaced_(last_),
+      published_(last_),
+      period_(period_s) {}
+
+ReflexDetail TorqueRateCheck::check(const JointVector& tau) const {
+  ReflexDetail worst;
+  double excess = 1 + kSlack;
+  for (Eigen::Index i = 0; i < tau.size(); ++i) {
+    const double step = std::min(
+        {std::abs(tau[i] - last_[i]), std::abs(tau[i] - replaced_[i]), std::abs(tau[i] - published_[i])});
+    const double rate = step / period_;
+    if (rate <= excess * rate_max_[i]) continue;
+    excess = rate / rate_max_[i];
+    worst = {.error = ArmError::controller_torque_discontinuity,
+             .index = static_cast<std::int8_t>(i),
+             .value = rate,
+             .limit = rate_max_[i]};
+  }
+  return worst;
 }
 
 }  // namespace multipanda

@@ -207,9 +207,11 @@ struct CartesianStep {
 
 CartesianStep client_twist(const Rig& rig, const CartesianTarget& target, int lost, double share) {
   const CartesianLimits& c = rig.limits.cartesian;
-  const ClientLimits linear(share * c.velocity, share * c.acceleration, c.jerk, lost),
-      angular(share * c.rotation_velocity * 0.99, share * c.rotation_acceleration, c.rotation_jerk, lost),
-      elbow(share * c.elbow_velocity, share * c.elbow_acceleration, c.elbow_jerk, lost);
+  const double jerk = share < 1 ? 0.1 : 1.0;  // what the joints bear
+  const ClientLimits linear(share * c.velocity, share * c.acceleration, jerk * c.jerk, lost),
+      angular(share * c.rotation_velocity * 0.99, share * c.rotation_acceleration, jerk * c.rotation_jerk,
+              lost),
+      elbow(share * c.elbow_velocity, share * c.elbow_acceleration, jerk * c.elbow_jerk, lost);
   const DesiredState& s = rig.state();
   const Vector6 V = single(s.V_BE_c.vector), A = single(s.A_BE_c);
   const Vector3 p = single(s.X_BE_c.position);

@@ -13,6 +13,9 @@ std::string_view to_string(ArmReply reply) {
       return "the arm has no error and was not stopped: there is nothing to recover from";
     case ArmReply::user_stop_pressed:
       return "the user stop is pressed: release it first";
+    case ArmReply::takes_no_load:
+      return "the arm has stopped or is guided by hand, and another load would move it: recover or let go of "
+             "it first";
     case ArmReply::not_supported:
       return "this backend does not support this request";
     case ArmReply::would_penetrate:
@@ -24,9 +27,8 @@ std::string_view to_string(ArmReply reply) {
     case ArmReply::no_gripper:
       return "the arm has no such gripper: in a scene, write 'fingers: movable' or 'vacuum: true'";
     case ArmReply::gripper_unsuccessful:
-      return "the gripper motion did not succeed: nothing of that width was grasped, or the "
-             "width "
-             "was not reached";
+      return "the gripper motion did not succeed: nothing of that width was grasped, or the width was not "
+             "reached";
     case ArmReply::vacuum_unsuccessful:
       return "the vacuum gripper did not succeed in time: nothing was picked up, or what it held was not "
              "released";
@@ -57,7 +59,7 @@ RequestBox::~RequestBox() {
 std::future<RequestAnswer> RequestBox::post(Posted posted) {
   const std::lock_guard lock(askers_);
   if (closed_) return refuse_request(std::string(to_string(ArmReply::loop_ended)));
-  for (std::size_t i = 0; i < kSlots; ++i) {
+  for (std::size_t i = ends_motion(posted.request) ? 0 : kOnlyForStops; i < kSlots; ++i) {
     Slot& slot = slots_[i];
     if (slot.stage.load(std::memory_order_acquire) != Stage::free) continue;
     slot.posted = std::move(posted);
@@ -76,6 +78,7 @@ std::future<RequestAnswer> RequestBox::post(Posted posted) {
 void RequestBox::open() {
   const std::lock_guard lock(askers_);
   closed_ = false;
+  gaps_.restart();
 }
 
 void RequestBox::close() {
@@ -88,8 +91,14 @@ void RequestBox::close() {
 }
 
 const RequestBox::Posted* RequestBox::front() {
+  const HostTime now = host_now();
+  const HostTime restarted = watches_gaps_ ? gaps_.look(now) : HostTime{};
   while (const std::uint8_t* index = ring_.front()) {
-    if (seconds(host_now() - slots_[*index].since) < patience_s_) return &slots_[*index].posted;
+    const Slot& slot = slots_[*index];
+    const bool late =
+        std::visit([&](const auto& r) { return is_past(r.begin_by, now); }, slot.posted.request);
+    if (ends_motion(slot.posted.request)) return &slot.posted;
+    if (!late && slot.since >= restarted && seconds(now - slot.since) < patience_s_) return &slot.posted;
     answer(ArmReply::too_late);
   }
   return nullptr;
@@ -111,7 +120,7 @@ void RequestBox::answer(std::size_t deferred, ArmReply reply) {
 }
 
 void RequestBox::keep_promises() {
-  // The loop may not signal (that could lock), so while something is pending the slots are polled often.
+  // The loop must not signal (that could lock), so pending slots are polled often.
   constexpr auto kLook = std::chrono::microseconds(500);
   std::unique_lock lock(askers_);
   while (true) {

@@ -28,7 +28,7 @@ SelfCollision::SelfCollision(const ArmModel& model) {
     if (body.shape.kind == Kind::sphere) body.shape.p1 = body.shape.p0;
     body.sphere = bounding_sphere(body.shape);
     body.sphere.center = body.X_JS * body.sphere.center;
-    place(body, model.X_WB());  // permanently, if it belongs to the base
+    place(body, model.X_WB());  // permanently if it belongs to the base
     bodies_.push_back(body);
   }
   for (const auto& [a, b] : model.self_pairs()) pairs_.push_back({place_of[a], place_of[b]});
@@ -69,7 +69,7 @@ double SelfCollision::nearest(ModelTerms& terms) {
 }
 
 void SelfCollision::stand_at(ModelTerms& terms) {
-  constexpr double kFurther = 0.002;  // how far they may still approach [m]
+  constexpr double kFurther = 0.002;  // remaining distance of approach [m]
   const double distance = nearest(terms);
   margin_ = distance < kMargin ? distance - kFurther : kMargin;
 }

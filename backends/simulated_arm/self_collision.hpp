@@ -3,26 +3,25 @@
 #include <cstdint>
 #include <vector>
 
+#include "arm_interface/arm_error.hpp"
 #include "core/geometry/distance.hpp"
 #include "core/model/model_terms.hpp"
-#include "device/arm_error.hpp"
 
 namespace multipanda {
 
 // The arm's self-collision avoidance: the arm stops when two parts that its model lists as a pair come nearer
 // than kMargin. Distances of capsules and spheres are in closed form, those of other tool shapes are convex
-// distances; bounding spheres are tested first. An arm does not know other arms.
+// distances; bounding spheres are tested first. Other arms are unknown to the arm.
 class SelfCollision {
  public:
   static constexpr double kMargin = 0.005;  // [m]
 
   explicit SelfCollision(const ArmModel& model);
 
-  // Loop thread, no allocation; terms at the measured state.
-  // Parts that are too near when the arm takes commands again may move apart: they are checked from their
-  // distance at that time.
+  // Loop thread, no allocation; terms at the measured state. Parts that are too close when the arm accepts
+  // commands again may move apart: they are checked against their distance at that time.
   void stand_at(ModelTerms& terms);
-  // The distance of the nearest pair, if it is too near.
+  // The distance of the nearest pair, if it is too small.
   ReflexDetail check(ModelTerms& terms);
 
  private:

@@ -6,7 +6,7 @@
 
 #include "core/types/overloaded.hpp"
 
-// Modes, motions, commands, requests. The torque path is in simulated_arm_torque.cpp, what the arm measures
+// Modes, motions, commands, requests. The torque path is in simulated_arm_torque.cpp, measurements are
 // in simulated_arm_measure.cpp.
 namespace multipanda {
 namespace {
@@ -99,7 +99,7 @@ ArmError no_command(MotionGenerator generator) {
                                  : ArmError::joint_motion_generator_velocity_discontinuity;
 }
 
-constexpr double kNear = 0.05;  // a followed motion ended this near the arm: held there [rad]
+constexpr double kNear = 0.05;  // largest distance at which the arm holds the end of a followed motion [rad]
 
 }  // namespace
 
@@ -113,7 +113,8 @@ SimulatedArm::SimulatedArm(SimulatedArmConfig config, const JointVector& q_start
       torque_rate_(config_.model->limits().tau_rate_max, config_.period_s),
       measured_limits_(config_.motion_limits, config_.model->limits().tau_max, config_.workspace),
       self_collision_(*config_.model),
-      contact_(config_.model->joint_count()) {
+      contact_(config_.model->joint_count(), config_.real_sensors, config_.hand_excess) {
+  if (config_.real_sensors) sensors_.emplace(joint_count(), config_.seed, config_.torque_sensor.has_value());
   const JointVector zero = joint_constant(joint_count(), 0);
   constexpr double kRounding = 1e-6;  // of a period
   const double periods = config_.plant.command_delay_s / config_.period_s;
@@ -133,15 +134,16 @@ ArmMode SimulatedArm::mode() const {
   if (user_stop_) return ArmMode::user_stopped;
   if (errors_ != 0) return ArmMode::reflex;
   if (stopped_) return ArmMode::other;
-  if (recovering_ > 0) return ArmMode::recovering;
+  if (recovering_ > 0 || braking_) return ArmMode::recovering;
   if (guiding_) return ArmMode::guiding;
   return moving_ ? ArmMode::move : ArmMode::idle;
 }
 
 void SimulatedArm::reset(const JointVector& q) {
   settings_ = start_settings_;
+  load_ = LoadRamp(settings_.load);
   end_motion(MotionEnd::preempted);
-  user_stop_ = stopped_ = guiding_ = false;
+  user_stop_ = stopped_ = guiding_ = braking_ = false;
   clear_errors();
   reflex_ = {};
   reflex_reason_ = 0;
@@ -151,13 +153,14 @@ void SimulatedArm::reset(const JointVector& q) {
   at_rest_ = ~0u;
   random_.seed(config_.seed);
   normal_.reset();
-  recovering_ = 2;  // the measurement that replaces the current one, and the one of the next period
+  if (sensors_) sensors_->reset();
+  recovering_ = 2;  // for the measurement that replaces the current one, and the next one
   if (state_.sequence > 0) --state_.sequence;
   publish_configuration();
 }
 
 void SimulatedArm::publish_configuration() {
-  model_.set_config(settings_.frames, settings_.tool, settings_.load);
+  model_.set_config(settings_.frames, settings_.tool, load_.now());
   state_.frames = settings_.frames;
   state_.tool = settings_.tool;
   state_.load = settings_.load;
@@ -236,8 +239,8 @@ void SimulatedArm::push_command(const JointVector& tau_cmd) {
   delay_line_[delay_next_].tau = tau_cmd;
   delay_next_ = (delay_next_ + 1) % delay_line_.size();
   if (delay_fraction_ == 0) return;
-  // Each command is held for a period: a part of this one still passes with the one before, and the motors
-  // get the mean.
+  // Each command acts for one period: with a fractional delay the motors get the mean of this and the
+  // previous one.
   const Command& newer = delay_line_[delay_next_];
   own_share_ = newer.valid && !in_use_.valid ? delay_fraction_ : 0.0;
   if (!in_use_.valid) in_use_.tau.setZero();
@@ -264,7 +267,7 @@ void SimulatedArm::take_command(const InterfaceCommand& command) {
   count_command(true);
   if (motion_.controller == ArmController::external) {
     if (generates && command.motion_finished) {
-      push_command(last_command_);  // its torque need not be one
+      push_command(last_command_);  // with other torque sources it may be absent
     } else if (!take_torque(command.tau_J_d)) {
       return;
     }
@@ -319,7 +322,7 @@ bool SimulatedArm::take_torque(const JointVector& tau_cmd) {
   return true;
 }
 
-// One period of desired motion; nullptr: no command came.
+// One period of desired motion; nullptr: no command arrived.
 void SimulatedArm::follow(const InterfaceCommand* command) {
   const MotionStep step = desired_.step(command);
   if (step == MotionStep::moving) return;
@@ -342,7 +345,7 @@ void SimulatedArm::fail_command(MotionStep step) {
     raise({.error = no_command(motion_.generator)}, MotionEnd::input_error);
     return;
   }
-  // Still moving: to be at rest in the next period it would have to brake like this.
+  // Still moving: braking to rest within one period would exceed the limits.
   if (is_cartesian(motion_.generator)) {
     const Twist& V = desired_.state().V_BE_c;
     const auto& limits = config_.motion_limits.cartesian;
@@ -375,12 +378,19 @@ void SimulatedArm::press_guiding(bool pressed) {
   hold_changed_ = true;
 }
 
+ArmReply SimulatedArm::set_load(const Load& load) {
+  const Load& known = settings_.load;
+  if (load.mass == known.mass && load.p_FC == known.p_FC && load.inertia_C == known.inertia_C)
+    return ArmReply::done;
+  if (user_stop_ || errors_ != 0 || stopped_ || guiding_) return ArmReply::takes_no_load;
+  settings_.load = load;
+  load_.aim(load);
+  publish_configuration();
+  return ArmReply::done;
+}
+
 ArmReply SimulatedArm::apply(const ArmRequest& request) {
-  const ArmReply reply = std::visit(Overloaded{[this](const SetLoad& r) {
-                                                 settings_.load = r.load;
-                                                 publish_configuration();
-                                                 return ArmReply::done;
-                                               },
+  const ArmReply reply = std::visit(Overloaded{[this](const SetLoad& r) { return set_load(r.load); },
                                                [this](const SetFrames& r) {
                                                  if (r.X_FE) settings_.frames.X_FE = *r.X_FE;
                                                  if (r.X_EK) settings_.frames.X_EK = *r.X_EK;
@@ -409,6 +419,7 @@ ArmReply SimulatedArm::apply(const ArmRequest& request) {
                                                  if (user_stop_) return ArmReply::user_stop_pressed;
                                                  clear_errors();
                                                  stopped_ = false;
+                                                 braking_ = !is_at_rest();
                                                  return ArmReply::done;
                                                },
                                                [this](const StopMotion&) {

@@ -7,27 +7,28 @@
 #include <string>
 #include <vector>
 
-#include "backends/simulated_arm/arm_reply.hpp"
-#include "backends/simulated_arm/command_checks.hpp"
+#include "arm_interface/arm_error.hpp"
+#include "arm_interface/arm_interface.hpp"
+#include "arm_interface/arm_settings.hpp"
+#include "backends/simulated_arm/arm_sensors.hpp"
 #include "backends/simulated_arm/contact_monitor.hpp"
 #include "backends/simulated_arm/desired_motion.hpp"
 #include "backends/simulated_arm/internal_controllers.hpp"
 #include "backends/simulated_arm/measured_limits.hpp"
+#include "backends/simulated_arm/request_box.hpp"
 #include "backends/simulated_arm/self_collision.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/state/arm_state.hpp"
+#include "core/state/load_ramp.hpp"
 #include "core/types/time.hpp"
-#include "device/arm_error.hpp"
-#include "device/arm_interface.hpp"
-#include "device/arm_settings.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
 
-// How a simulated arm is set up before it runs.
+// Configuration of a simulated arm.
 struct SimulatedArmConfig {
-  std::shared_ptr<const ArmModel> model;  // the arm's own model: it compensates gravity by it
+  std::shared_ptr<const ArmModel> model;  // the arm's own model, used for gravity compensation
   ArmFrames frames;
   Load tool;            // declared end effector (beyond what the model contains)
   Load load;            // declared payload; an undeclared load is not compensated
@@ -38,19 +39,22 @@ struct SimulatedArmConfig {
   std::optional<SetCollisionThresholds> thresholds;
   std::optional<JointVector> joint_stiffness;  // [N m/rad] (n x 1)
   std::optional<Vector6> cartesian_stiffness;  // in K [N/m, N m/rad]
-  // Of this arm alone, in place of the fidelity's tracking, delay and noise on tau; none: as there.
+  // Values of this individual arm in place of the fidelity's tracking, delay and noise on tau; none:
+  // the fidelity's.
   std::optional<Actuation> actuation;
   std::optional<TorqueSensor> torque_sensor;
   Transmission transmission = {};
-  // What the rotors add to the joints' inertia, as the arm's own controllers
-  // know it [kg m^2] (n x 1); empty: none.
+  // The rotors' contribution to joint inertia known to the arm's own controllers [kg m^2] (n x 1);
+  // empty: none.
   JointVector rotor_inertia = {};
-  std::optional<JointFriction> friction;  // of the joints: what the arm's own controllers know of it
+  std::optional<JointFriction> friction;  // joint friction known to the arm's own controllers
   MotionLimits motion_limits;             // of the control interface: MotionLimits::of(robot)
-  std::optional<WorkspaceBox> workspace;  // of the end effector's origin, in B; none: not watched
+  bool real_sensors = false;              // sensors and estimate of external torques as real arms have them
+  MassExcess hand_excess = {};            // counted by that estimate
+  std::optional<WorkspaceBox> workspace;  // of the end effector's origin, in B; none: not checked
 };
 
-// What the arm's sensors measure at the end of a control period, before noise.
+// Sensor values at the end of a control period, before noise.
 struct PlantMeasurement {
   JointVector q, dq;     // [rad, rad/s]
   JointVector tau_link;  // mean torque on the links in the last period, gravity included [N m]
@@ -69,20 +73,22 @@ struct PlantMeasurement {
 // Modes: idle -(start_motion)-> move -(finished, stop_motion)-> idle; any -> user_stopped (button), reflex
 // (error), other (StopMotion request); idle -> guiding (buttons). Outside move the arm ignores commands,
 // brakes and holds the place where it came to rest; in guiding it gives way. From reflex and other only
-// RecoverFromError leads back, to idle; from user_stopped and guiding, the release of the button leads back.
+// RecoverFromError leads back, to idle, over recovering if the arm still brakes; from user_stopped and
+// guiding, the release of the button leads back.
 //
 // What raises an error: docs/simulation.md. An error ends the motion in the period in which it is found;
-// the next state shows mode, errors and reflex_reason together.
+// the next state shows mode, errors and reflex_reason together. A state shows every motion before what the
+// arm measures can end it: libfranka names no reason for the end of one that it has not seen.
 //
 // All calls belong to the loop's thread, none allocates or locks, except constructor and check().
 class SimulatedArm {
  public:
-  // q_start: where the arm is at rest (n x 1). Throws std::invalid_argument on sizes that do not fit.
+  // q_start: initial rest position (n x 1). Throws std::invalid_argument for inconsistent sizes.
   SimulatedArm(SimulatedArmConfig config, const JointVector& q_start);
 
   std::size_t joint_count() const { return model_.joint_count(); }
   const ArmModel& model() const { return model_.model(); }
-  // Both as of the last measure() (and of apply(), as to mode and errors).
+  // Both as of the last measure() (and of apply() for mode and errors).
   const ArmState& state() const { return state_; }
   const InterfaceState& interface() const { return interface_; }
   const ArmSettings& settings() const { return settings_; }
@@ -92,26 +98,27 @@ class SimulatedArm {
   const ReflexDetail& reflex_detail() const { return reflex_; }
 
   // Back to the start: configuration, errors, noise, at rest in q. The clock and the packet counter continue.
-  // For one period the arm is `recovering` and takes no command, so that its controller notices.
+  // For one period the arm is `recovering` and accepts no command, so that its controller notices.
   void reset(const JointVector& q);
 
   // --- Motions ---
   // The next state shows it, if it was started. Commands are counted from the first one on.
   MotionStart start_motion(const MotionRequest& request);
-  // Ends a motion as preempted: the arm brakes and holds. Nothing happens when none runs.
+  // Ends a motion as preempted: the arm brakes and holds. No effect without a motion.
   void stop_motion();
+  const MotionRequest& motion() const { return motion_; }  // that runs, or ran last
   std::uint64_t motions_ended() const { return motions_ended_; }
-  MotionEnd motion_end() const { return motion_end_; }  // of the last that ended; none: there was none
+  MotionEnd motion_end() const { return motion_end_; }  // of the last motion that ended; none: none has
 
-  // The command of this period, for the motion that runs; ignored when none does. An invalid command (NaN,
+  // The command of this period for the running motion; ignored without one. An invalid command (NaN,
   // infinity, wrong size) or one that violates a limit raises an error.
   void take_command(const InterfaceCommand& command);
-  // The same for torques only [N m] (n x 1): an idle arm begins {external, none} by itself.
+  // The same for torques only [N m] (n x 1): an idle arm starts {external, none} automatically.
   void take_command(const JointVector& tau_cmd);
-  // Before take_command: a torque that a newer command replaced in the same period. The newer one may differ
-  // from it, and it from the one before, as if each had its period.
+  // Before take_command: a torque replaced by a newer command of the same period. Rate checks treat both as
+  // if each had its own period.
   void count_replaced(const InterfaceCommand& command);
-  // No command came: torque is held, desired motion extrapolated with constant acceleration; after
+  // No command arrived: torque is held, desired motion extrapolated with constant acceleration; after
   // kLostCommands in a row an error. Not in asynchronous motion, which needs none.
   void miss_command();
   static constexpr int kLostCommands = 20;
@@ -123,7 +130,7 @@ class SimulatedArm {
   const JointVector& motor_torque(const JointVector& q, const JointVector& dq, double dt);
   // Ends a period: fills state() and interface().
   void measure(const PlantMeasurement& plant);
-  // Shows the desired motion of the newest command in interface() now: for an arm whose clock is not the
+  // Shows the newest command's desired motion in interface() now: for an arm whose clock differs from the
   // plant's, which may send two states between two measurements.
   void publish_desired();
 
@@ -132,21 +139,23 @@ class SimulatedArm {
   ArmReply apply(const ArmRequest& request);
   // The buttons for guiding by hand: pressed, an idle arm yields; a motion is ended as by the user stop.
   void press_guiding(bool pressed);
-  // As if the arm had found this error now.
+  // Raises this error as if found now.
   void raise(ArmError error) { raise(ReflexDetail{.error = error}); }
-  // For tests that move the plant where no real arm can go: measured limits, contacts and the torque rate are
+  // For tests that move the plant where no real arm can be: measured limits, contacts and the torque rate are
   // not checked. Invalid commands are still refused.
   void watch(bool on) { watching_ = on; }
-  // The first torque of a motion counts from the torque of the arm's own hold alone, not from zero. It is not
-  // known which of them real arms do.
+  // The first torque of a motion is compared only with the torque of the arm's own hold, not with zero. Which
+  // one real arms use is unknown.
   void count_own_torque(bool on) { counts_own_torque_ = on; }
 
  private:
   void raise(const ReflexDetail& detail, MotionEnd how = MotionEnd::reflex);
+  ArmReply set_load(const Load& load);
   bool take_torque(const JointVector& tau_cmd);
   void follow(const InterfaceCommand* command);
   void fail_command(MotionStep step);
   void clear_errors();
+  bool is_at_rest() const;
   void end_motion(MotionEnd how);
   void publish_configuration();
   void count_command(bool received);
@@ -164,6 +173,7 @@ class SimulatedArm {
 
   SimulatedArmConfig config_;
   ArmSettings settings_, start_settings_;
+  LoadRamp load_;  // the part of the declared load that is active
   ModelTerms model_;
   ArmState state_;
   InterfaceState interface_;
@@ -172,16 +182,17 @@ class SimulatedArm {
   std::uint64_t errors_ = 0;
   bool stopped_ = false;  // by request, until recovered
   int recovering_ = 0;    // measurements left until the arm takes commands again
+  bool braking_ = false;  // recovered from an error, and not yet at rest
   bool guiding_ = false;  // buttons pressed
   bool watching_ = true;
 
   // The motion that runs
   bool moving_ = false;
   MotionRequest motion_;
-  bool commanded_ = false;  // its first command came
+  bool commanded_ = false;  // its first command has arrived
   DesiredMotion desired_;
   InternalControllers controllers_;
-  bool follow_due_ = false;  // the internal controller's torque of this period is not computed yet
+  bool follow_due_ = false;  // the internal controller's torque of this period is still to be computed
   std::uint64_t motions_ended_ = 0;
   MotionEnd motion_end_ = MotionEnd::none;
   ReflexDetail reflex_;
@@ -196,31 +207,31 @@ class SimulatedArm {
 
   // Torque path
   struct Command {
-    bool valid = false;  // false: none came, the arm holds by itself
+    bool valid = false;  // false: none arrived, the arm holds by itself
     JointVector tau;
   };
-  // A ring of as many commands as the delay has periods, a partial one counted as one. In the newest
-  // period only the share delay_fraction_ still uses the older of two commands, or the arm's own torque if
-  // there is none.
+  // A ring of as many commands as the delay has periods, rounded up. In the newest period only the share
+  // delay_fraction_ still uses the older of two commands, or the arm's own torque if there is none.
   std::vector<Command> delay_line_;
   double delay_fraction_ = 0, own_share_ = 0;
   std::size_t delay_next_ = 0;
   Command in_use_;
   JointVector last_command_, tau_wanted_, tau_follow_, tau_tracked_, tau_motor_;
-  JointVector tau_shown_;  // by the torque sensors, before noise
-  JointVector q_motor_;    // positions that the sensors see, before noise
+  JointVector tau_shown_;  // at the torque sensors, before noise
+  JointVector q_motor_;    // at the position sensors, before noise
 
   // Holding by itself
   JointVector q_hold_, tau_hold_;
   std::uint32_t at_rest_ = 0;  // bit i: joint i has stopped and is held at q_hold_
   double braking_s_ = 0;       // since at_rest_ was cleared
-  bool hold_changed_ = true;   // q_hold_, or the frames, changed since the desired motion was set
-  Pose X_WE_guided_;           // where the buttons for guiding were pressed
+  bool hold_changed_ = true;   // q_hold_ or the frames changed since the desired motion was set
+  Pose X_WE_guided_;           // pose when the guiding buttons were pressed
 
   // Commands of the last 100 periods, newest in bit 0 of the first word
   std::uint64_t received_[2] = {0, 0};
   int periods_in_move_ = 0, missing_in_row_ = 0;
 
+  std::optional<ArmSensors> sensors_;  // as real ones
   std::mt19937_64 random_;
   std::normal_distribution<double> normal_;
 };

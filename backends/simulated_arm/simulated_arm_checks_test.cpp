@@ -294,7 +294,8 @@ TEST(SelfCollision, IsTheNearestPairOfTheModel) {
 
 // --- Contact ---
 
-// A known push on an arm that a program holds: F = -push, in K and in B, for any orientation of base and K.
+// A known push at K of an arm that a program holds: F = -push, about K in K and about the base's origin in B,
+// for any base and K.
 TEST(Contact, IsFeltInKBetweenLowerAndUpper) {
   Draw draw(6);
   for (const std::string& name : {std::string("fer"), std::string("fr3"), test::kSixAxes}) {
@@ -316,7 +317,9 @@ TEST(Contact, IsFeltInKBetweenLowerAndUpper) {
     EXPECT_LT((Vector3(rig.face().F_K_K.force()) - F_K).norm(), 0.1) << name;
     EXPECT_LT(rig.face().F_K_K.torque().norm(), 0.02);
     const Vector3 F_B = -R_WB.transpose() * rig.F_K_W_on_arm.force();
-    EXPECT_LT((Vector3(rig.face().F_K_B.force()) - F_B).norm(), 0.2);
+    EXPECT_LT((Vector3(rig.face().F_B_B.force()) - F_B).norm(), 0.2);
+    const Vector3 p_BK = config.model->X_WB().inverse() * rig.body.X_WK().position;
+    EXPECT_LT((Vector3(rig.face().F_B_B.torque()) - p_BK.cross(F_B)).norm(), 0.1) << name;
     const JointVector tau_ext = -(rig.body.J_V_WK().transpose() * rig.F_K_W_on_arm.vector);
     EXPECT_LT((rig.face().tau_ext_hat - tau_ext).cwiseAbs().maxCoeff(), 0.02);
     Vector6 contact = Vector6::Zero();

@@ -1,4 +1,4 @@
-// The end of the simulated arm's period: sensors, estimated forces, checks, and what it publishes.
+// End of the simulated arm's period: sensors, estimated forces, checks and published state.
 #include <bit>
 
 #include "backends/simulated_arm/simulated_arm.hpp"
@@ -7,18 +7,20 @@ namespace multipanda {
 
 void SimulatedArm::measure(const PlantMeasurement& plant) {
   sense(plant);
+  if (load_.advance(config_.period_s)) model_.set_config(settings_.frames, settings_.tool, load_.now());
   update_model(state_.q, state_.dq);
   const bool generates = moving_ && motion_.generator != MotionGenerator::none;
   contact_.update(model_, state_, generates ? desired_.state().ddq : JointVector(), config_.period_s,
                   settings_.thresholds);
   const Pose& X_WB = config_.model->X_WB();
   interface_.X_BE = X_WB.inverse() * model_.X_WE();
-  if (moving_ && watching_) watch_measurement();
+  if (moving_ && watching_ && interface_.mode == ArmMode::move) watch_measurement();
   if (!moving_ && hold_changed_) {
     desired_.hold(q_hold_, settings_.frames.X_FE);
     hold_changed_ = false;
   }
   if (recovering_ > 0) --recovering_;
+  braking_ = braking_ && !is_at_rest();
   publish_condition();
   publish_interface();
   torque_rate_.publish(state_.tau_J_d);
@@ -45,6 +47,7 @@ void SimulatedArm::sense(const PlantMeasurement& plant) {
     if (sensor.offset.size() > 0) tau_shown_ += sensor.offset;
   }
   noisy(tau_shown_, config_.plant.noise_tau_nm, state_.tau_J);
+  if (sensors_) sensors_->show(state_, config_.period_s);
   interface_.dtau_J += state_.tau_J / config_.period_s;
   state_.tau_J_d = tau_wanted_;
   state_.has_contact_truth = plant.has_contact_truth;
@@ -77,7 +80,7 @@ void SimulatedArm::watch_measurement() {
   }
 }
 
-// Mode, errors and modes of the motion change together.
+// Mode, errors and the motion's modes change together.
 void SimulatedArm::publish_condition() {
   state_.mode = interface_.mode = mode();
   state_.errors = interface_.errors = errors_;
@@ -112,20 +115,19 @@ void SimulatedArm::publish_desired() {
 
 void SimulatedArm::publish_interface() {
   publish_desired();
-  interface_.theta = state_.q;  // rigid joints, or elastic ones that are measured at the motors
-  interface_.dtheta = state_.dq;
+  // Without them: rigid joints, or elastic ones that are measured at the motors.
+  interface_.theta = sensors_ ? sensors_->theta() : state_.q;
+  interface_.dtheta = sensors_ ? sensors_->dtheta() : state_.dq;
   interface_.elbow = elbow_of(state_.q);
   interface_.tau_ext_hat = contact_.tau_ext_hat();
   interface_.F_K_K = contact_.F_K_K();
-  const Matrix3 R_BW = config_.model->X_WB().rotation.transpose();
-  interface_.F_K_B.force() = R_BW * contact_.F_K_W().force();
-  interface_.F_K_B.torque() = R_BW * contact_.F_K_W().torque();
+  interface_.F_B_B = F_B_B_of(contact_.F_K_W(), model_.X_WK().position, config_.model->X_WB());
   interface_.joint_contact = contact_.joint_contact();
   interface_.cartesian_contact = contact_.cartesian_contact();
   publish_report();
 }
 
-// The part of the interface that leaves with the state.
+// The part of the interface sent with the state.
 void SimulatedArm::publish_report() {
   const auto raised = [](const auto& levels) {
     unsigned bits = 0;

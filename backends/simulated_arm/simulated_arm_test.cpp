@@ -178,6 +178,53 @@ TEST(Motions, ABrakingJointComesToRestAgainstAnUnknownLoad) {
   EXPECT_LT(rig.dq.cwiseAbs().maxCoeff(), 1e-5);
 }
 
+// The torque that compensates a newly declared load: its weight at its center of mass, by J^T f, a thousandth
+// more every period.
+TEST(DeclaredLoad, ComesInWithinASecond) {
+  ArmRig rig("fer", Draw(8).pose(1));
+  const JointVector before = rig.arm.motor_torque(rig.q, rig.zero(), 0);
+  const Load load{.mass = 2, .p_FC = {0.05, 0, 0.1}};
+  ASSERT_EQ(rig.arm.apply(SetLoad{load}), ArmReply::done);
+  rig.body.update(rig.q, rig.zero());
+  Eigen::Matrix<double, 3, Eigen::Dynamic> J(3, 7);
+  rig.body.point_jacobian(6, rig.body.X_WF() * load.p_FC, J);
+  const JointVector weight = J.transpose() * Vector3(0, 0, 2 * 9.81);
+  ASSERT_GT(weight.norm(), 3);
+  for (int k = 0; k < 1100; ++k) {
+    const JointVector tau = rig.arm.motor_torque(rig.q, rig.zero(), 0.001);
+    ASSERT_LT((tau - before - std::min(1.0, 1e-3 * k) * weight).norm(), 1e-9) << k;
+    rig.arm.measure({.q = rig.q, .dq = rig.zero(), .tau_link = tau});
+    ASSERT_EQ(rig.state().load.mass, 2) << "shown at once";
+  }
+}
+
+// Nothing holds an arm in its place that is guided, and one that has stopped is to stay where it is.
+TEST(DeclaredLoad, IsRefusedInAReflexAStopAndGuiding) {
+  ArmRig rig("fr3", Draw(9).pose(1));
+  const Load load{.mass = 1, .p_FC = {0, 0, 0.1}}, known = rig.state().load;
+  const auto expect_refused = [&] {
+    EXPECT_EQ(rig.arm.apply(SetLoad{load}), ArmReply::takes_no_load);
+    EXPECT_EQ(rig.arm.apply(SetLoad{known}), ArmReply::done) << "nothing new";
+    rig.steps(1200);
+    EXPECT_EQ(rig.state().load.mass, known.mass);
+  };
+  rig.arm.raise(ArmError::instability_detected);
+  expect_refused();
+  rig.arm.apply(RecoverFromError{});
+  rig.arm.apply(SetUserStop{true});
+  expect_refused();
+  rig.arm.apply(SetUserStop{false});
+  rig.arm.apply(StopMotion{});
+  expect_refused();
+  rig.arm.apply(RecoverFromError{});
+  rig.arm.press_guiding(true);
+  expect_refused();
+  rig.arm.press_guiding(false);
+  rig.step();
+  EXPECT_EQ(rig.arm.apply(SetLoad{load}), ArmReply::done);
+  EXPECT_EQ(rig.state().load.mass, 1);
+}
+
 TEST(Motions, GuidingYieldsAndAcceptsNoMotion) {
   ArmRig rig("fr3", Draw(6).pose(1));
   rig.arm.press_guiding(true);
@@ -352,6 +399,44 @@ TEST(Motions, ErrorsOfTheGeneratorStopTheArm) {
   rig.command(command);
   EXPECT_EQ(rig.arm.motion_end(), MotionEnd::input_error);
   EXPECT_EQ(rig.face().mode, ArmMode::reflex);
+}
+
+TEST(Motions, RecoveryLastsUntilTheArmIsAtRest) {
+  ArmRig rig("fr3", Draw(10).pose(1));
+  ASSERT_EQ(rig.arm.start_motion(kTorqueOnly), MotionStart::started);
+  rig.command({.tau_J_d = rig.zero()});
+  rig.dq[0] = 1.3;
+  rig.command({.tau_J_d = rig.zero()});
+  rig.arm.raise(ArmError::joint_reflex);
+  EXPECT_EQ(rig.arm.apply(RecoverFromError{}), ArmReply::done);
+  EXPECT_EQ(rig.face().errors, 0u);
+  int periods = 0;
+  for (; rig.face().mode == ArmMode::recovering && periods < 1000; ++periods) {
+    EXPECT_EQ(rig.arm.start_motion(kTorqueOnly), MotionStart::not_possible);
+    rig.step();
+  }
+  // Braked by 120/s from 1.3 to the 0.02 rad/s of a joint at rest: 35 ms.
+  EXPECT_NEAR(periods, 35, 5);
+  ASSERT_EQ(rig.face().mode, ArmMode::idle);
+  const auto position = request(ArmController::joint_impedance, MotionGenerator::joint_position);
+  ASSERT_EQ(rig.arm.start_motion(position), MotionStart::started);
+  const InterfaceCommand stay{.q_c = rig.face().q_d};
+  for (int k = 0; k < 100; ++k) rig.command(stay);
+  EXPECT_EQ(rig.face().mode, ArmMode::move) << error_names(rig.face().errors);
+  EXPECT_LT((rig.q - stay.q_c).cwiseAbs().maxCoeff(), 1e-3);
+}
+
+// libfranka names the reasons that it finds in the state that ends a motion which it has seen.
+TEST(Motions, AStateShowsEachMotionBeforeItsEnd) {
+  ArmRig rig("fr3", Draw(10).pose(1));
+  ASSERT_EQ(rig.arm.start_motion(kTorqueOnly), MotionStart::started);
+  rig.dq[0] = 4;  // faster than allowed
+  rig.step();
+  EXPECT_EQ(rig.face().mode, ArmMode::move);
+  rig.dq[0] = 4;
+  rig.step();
+  EXPECT_EQ(rig.face().mode, ArmMode::reflex);
+  EXPECT_NE(rig.face().errors & error_bit(ArmError::joint_velocity_violation), 0u);
 }
 
 TEST(Motions, PlannedByTheArmItselfWithoutCommands) {

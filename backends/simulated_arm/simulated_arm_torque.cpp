@@ -1,4 +1,4 @@
-// The torque path of the simulated arm: what its motors do in a physics step.
+// The torque path of the simulated arm: its motors in a physics step.
 #include <cmath>
 #include <numbers>
 
@@ -11,8 +11,8 @@ namespace {
 // other by the mass matrix, so that light and heavy joints are equally stable at any control period.
 constexpr double kHoldFrequency = 60.0;  // [rad/s]
 constexpr double kRestVelocity = 0.02;   // a joint slower than this has stopped [rad/s]
-// A load that the arm does not know keeps a braked joint creeping: after this time it is held where it is.
-// Braking from the greatest speed takes a fifth of it.
+// An unknown load keeps a braked joint creeping, so the joint is held after this time. Braking from the
+// highest speed takes a fifth of it.
 constexpr double kLongestBraking = 0.5;  // [s]
 
 // While the arm is guided by hand: damping of every joint, and the stiffness that holds the locked axes of
@@ -28,8 +28,8 @@ void SimulatedArm::update_model(const JointVector& q, const JointVector& dq) {
   if (model_.q() != q || model_.dq() != dq) model_.update(q, dq);
 }
 
-// tau = M (w^2 (q_hold - q) - 2 w dq) + c, M with the rotors; a joint that still moves is only braked, and
-// held where it stops. Whatever is missing to its weight then pulls it away by a few thousandths of a radian.
+// tau = M (w^2 (q_hold - q) - 2 w dq) + c, M with the rotors; a moving joint is only braked, and held where
+// it stops. Uncompensated weight then displaces it by a few thousandths of a radian.
 const JointVector& SimulatedArm::hold_torque(const JointVector& q, const JointVector& dq) {
   const auto& limit = config_.model->limits().tau_max;
   JointVector acceleration = -2 * kHoldFrequency * dq;
@@ -47,6 +47,13 @@ const JointVector& SimulatedArm::hold_torque(const JointVector& q, const JointVe
   if (config_.rotor_inertia.size() > 0) tau_hold_ += config_.rotor_inertia.cwiseProduct(acceleration);
   tau_hold_ = tau_hold_.cwiseMax(-limit).cwiseMin(limit);
   return tau_hold_;
+}
+
+// A joint that was caught may still be moved by those that brake.
+bool SimulatedArm::is_at_rest() const {
+  const auto all = (1u << joint_count()) - 1;
+  return (at_rest_ & all) == all &&
+         (braking_s_ >= kLongestBraking || state_.dq.cwiseAbs().maxCoeff() < kRestVelocity);
 }
 
 // Gravity is compensated anyway: the user's hand feels only inertia and a little damping. Locked axes, in the
@@ -115,7 +122,7 @@ const JointVector& SimulatedArm::motor_torque(const JointVector& q, const JointV
     if (moving_ && in_use_.valid && own_share_ > 0) tau_wanted_ += own_share_ * hold_torque(q, dq);
   }
   if (config_.plant.torque_bandwidth_hz > 0) {
-    // Exact for a command that is constant during dt.
+    // Exact for a constant command during dt.
     const double rate = 2 * std::numbers::pi * config_.plant.torque_bandwidth_hz;
     tau_tracked_ += -std::expm1(-rate * dt) * (tau_wanted_ - tau_tracked_);
   } else {

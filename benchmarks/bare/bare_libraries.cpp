@@ -19,7 +19,7 @@ namespace {
 using Matrix67 = Eigen::Matrix<double, 6, 7>;
 using Matrix76 = Eigen::Matrix<double, 7, 6>;
 using Matrix7 = Eigen::Matrix<double, 7, 7>;
-using VectorRef = Eigen::Ref<const Eigen::VectorXd>;  // for which Pinocchio's library contains crba()
+using VectorRef = Eigen::Ref<const Eigen::VectorXd>;  // type for which Pinocchio's library contains crba()
 
 pinocchio::Model build(const ArmModel& arm) {
   pinocchio::Model model;
@@ -31,7 +31,7 @@ pinocchio::Model build(const ArmModel& arm) {
   return model;
 }
 
-// From the quaternion, the shorter rotation.
+// From the quaternion, along the shorter rotation.
 Vector3 rotation_vector(const Matrix3& R) {
   Quaternion q(R);
   if (q.w() < 0) q.coeffs() = -q.coeffs();
@@ -72,7 +72,7 @@ void BarePinocchioTerms::compute(const Vector7& q, const Vector7& dq) {
 
 struct BareDualImpedance::Robot {
   explicit Robot(const ArmModel& arm) : model(build(arm)), data(model), q(7), dq(7) {
-    model.gravity.setZero();  // so that nonLinearEffects is C dq; the arm compensates gravity
+    model.gravity.setZero();  // nonLinearEffects is then C dq; the arm compensates gravity
     const auto flange = model.getFrameId("flange");
     last_joint = model.frames[flange].parentJoint;
     X_JF = model.frames[flange].placement;

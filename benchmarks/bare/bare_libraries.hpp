@@ -25,7 +25,7 @@ class BarePinocchioTerms {
 };
 
 // Two Cartesian impedances, written directly for two seven-joint arms with fixed sizes: the law of
-// docs/controllets/cartesian_impedance.md with its defaults, far from singular poses (no floor under the
+// docs/controllets/impedance.md with its defaults, far from singular poses (no floor under the
 // mobility), equal rotational stiffness about all axes, rotation errors below 150 degrees.
 class BareDualImpedance {
  public:

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
-#include "cockpit/desk/frames.hpp"
+#include "arm_interface/arm_error.hpp"
+#include "cockpit/clients/frames.hpp"
 #include "cockpit/view/scene_text.hpp"
-#include "core/state/arm_mode_name.hpp"
-#include "device/arm_error.hpp"
+#include "common/spelling.hpp"
+#include "core/state/arm_state.hpp"
 #include "runtime/live_input/json_fields.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::cockpit {
 namespace {
@@ -97,14 +97,14 @@ json LogSource::list() {
 }
 
 Plot LogSource::open_plot(const std::vector<std::string>&, std::uint64_t) {
-  throw RequestRefused("malformed", "plot: a log is no run; ask for its columns with 'log_columns'");
+  throw RequestRefused("malformed", "plot: a log is not a run; request its columns with 'log_columns'");
 }
 
 std::vector<std::string> LogSource::commands() const {
   return {"log_state", "log_states", "log_columns", "list"};
 }
 
-std::variant<Reply, Later> LogSource::ask(const json& request) {
+std::variant<Reply, Later> LogSource::ask(const json& request, HostTime /*arrived*/) {
   const JsonFields fields(request, request.at("do").get<std::string>());
   const std::string& word = fields.what();
   if (word == "list") {
@@ -172,8 +172,7 @@ Reply LogSource::columns_of(Log& log, const std::vector<std::string>& names,
     width += found->count;
   }
   if (width * rows.size() > kMostNumbers)
-    throw RequestRefused("malformed",
-                         "log_columns: that is more than 1000000 numbers: ask for fewer rows or fields");
+    throw RequestRefused("malformed", "log_columns: more than 1000000 numbers: request fewer rows or fields");
   std::string out;
   for (const std::size_t row : rows) {
     put(out, log.table->t_s(row));

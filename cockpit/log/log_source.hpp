@@ -3,13 +3,13 @@
 #include <memory>
 #include <vector>
 
-#include "cockpit/desk/source.hpp"
+#include "cockpit/clients/source.hpp"
 #include "cockpit/log/log_table.hpp"
 #include "cockpit/run/state_view.hpp"
 
 namespace multipanda::cockpit {
 
-// One recorded log, or two that are compared: pages ask for parts of them.
+// One recorded log, or two in comparison, from which pages request parts.
 class LogSource final : public Source {
  public:
   static constexpr std::size_t kMostStates = 600, kMostColumnRows = 20000, kMostNumbers = 1'000'000;
@@ -29,9 +29,9 @@ class LogSource final : public Source {
   std::uint32_t rows(Plot&, std::string&) override { return 0; }
   std::vector<std::string> commands() const override;
   bool is_open(const std::string&) const override { return true; }
-  bool moves(const std::string&) const override { return false; }
-  std::variant<Reply, Later> ask(const nlohmann::json& request) override;
-  void come_to_rest(bool) override {}
+  bool moves(const nlohmann::json&) const override { return false; }
+  std::variant<Reply, Later> ask(const nlohmann::json& request, HostTime arrived) override;
+  std::string come_to_rest(bool) override { return {}; }
 
  private:
   struct Log {

@@ -8,12 +8,11 @@
 
 #include "cockpit/view/scene_bodies.hpp"
 #include "core/reference/target.hpp"
+#include "logs/arm_state_fields.hpp"
 #include "logs/cdr.hpp"
 #include "logs/messages.hpp"
 #include "runtime/faulty.hpp"
-#include "runtime/shared_records/record_fields.hpp"
 #include "scene/build.hpp"
-#include "scene/carried_arms.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::cockpit {
@@ -36,10 +35,6 @@ std::size_t count_of(const std::string& quantity, std::size_t joints) {
 Pose pose_of(const msg::Pose& pose) {
   const auto& [p, q] = std::tie(pose.position, pose.orientation);
   return Pose::from({p.x, p.y, p.z}, Quaternion(q.w, q.x, q.y, q.z));
-}
-
-std::vector<double> numbers(const msg::Wrench& wrench) {
-  return {wrench.force.x, wrench.force.y, wrench.force.z, wrench.torque.x, wrench.torque.y, wrench.torque.z};
 }
 
 std::string text_of(const McapReader& reader, const std::string& attachment) {
@@ -110,23 +105,19 @@ void LogTable::lay_out() {
     list.prefix(arm.name + "/");
     visit_arm(list, ArmSample{}, ArmAddition{}, arms_.at(arm.name).joints);
   }
-  const std::vector<double> zeros(std::max<std::size_t>(kMaxTargetValues, 512));
   for (const auto& instance : layout_.at("instances")) {
     std::size_t joints = 0;
     for (const auto& arm : instance.at("arms"))
       joints = std::max(joints, arms_.at(arm.get<std::string>()).joints);
     list.prefix(instance.at("name").get<std::string>() + "/");
     for (const auto& input : instance.at("inputs"))
-      list.numbers(input.at("name").get<std::string>(),
-                   std::span(zeros).first(count_of(input.at("quantity"), joints)));
+      list.add(input.at("name"), 'f', count_of(input.at("quantity"), joints));
     list.prefix(instance.at("name").get<std::string>() + "/outputs/");
-    for (const auto& output : instance.at("outputs"))
-      list.numbers(output.at("name").get<std::string>(),
-                   std::span(zeros).first(output.at("size").get<std::size_t>()));
+    for (const auto& output : instance.at("outputs")) list.add(output.at("name"), 'f', output.at("size"));
   }
   list.prefix("objects/");
   for (const auto& object : scene_.objects) {
-    if (!object.fixed) list.numbers(object.name, std::span(zeros).first(7));
+    if (!object.fixed) list.add(object.name, 'f', 7);
   }
   width_ = list.offset() / 8;
   for (const auto& field : list.fields()) {
@@ -135,7 +126,7 @@ void LogTable::lay_out() {
     const std::size_t slash = field.name.find('/');
     const auto owner = arms_.find(field.name.substr(0, slash));
     if (slash != std::string::npos && owner != arms_.end())
-      owner->second.at[field.name.substr(slash + 1)] = field.offset / 8;
+      owner->second.at[field.name.substr(slash + 1)] = {field.offset / 8, field.count};
   }
   for (const auto& object : scene_.objects) {
     if (object.fixed) continue;
@@ -163,6 +154,11 @@ void LogTable::take(const McapReader::Message& message) {
                         holds<msg::ControlletOutput>(*message.schema) ||
                         holds<msg::CycleTiming>(*message.schema);
   if (holds<msg::ObjectPose>(*message.schema)) return take_object(message);
+  if (holds<msg::ArmReport>(*message.schema)) {
+    const auto report = from_cdr<msg::ArmReport>(message.data);
+    arm(report.arm).report = report;
+    return;
+  }
   if (!of_cycle) return take_event(message);
   if (message.log_time_ns != row_ns_) {
     end_row();
@@ -180,7 +176,7 @@ void LogTable::begin_row(std::int64_t t_ns) {
   for (const auto& [name, object] : objects_) put_object(object);
 }
 
-// They come behind the records of their cycle.
+// They follow the records of their cycle.
 void LogTable::take_object(const McapReader::Message& message) {
   const auto moved = from_cdr<msg::ObjectPose>(message.data);
   const auto found = objects_.find(moved.object);
@@ -197,17 +193,18 @@ void LogTable::end_row() {
   if (!kept_ || row_ns_ < 0) return;
   kept_ = false;
   for (auto& [name, arm] : arms_) {
-    put(arm.at.at("stopped"), arm.stopped ? 1 : 0);
+    put(arm, "stopped", {arm.stopped ? 1.0 : 0.0});
+    put(arm, "has_report", {arm.report ? 1.0 : 0.0});
+    if (arm.report) put_quantities(arm, *arm.report);
     JointVector q(static_cast<Eigen::Index>(arm.joints));
     for (std::size_t k = 0; k < arm.joints; ++k)
-      q[static_cast<Eigen::Index>(k)] = row_[arm.at.at("q_rad") + k];
+      q[static_cast<Eigen::Index>(k)] = row_[arm.at.at("q_rad").first + k];
     if (!q.allFinite()) continue;
     arm.terms->set_config(arm.frames, {}, {});
     arm.terms->update(q, JointVector::Zero(q.size()));
-    const Pose& X_WE = arm.terms->X_WE();
-    const Quaternion r = X_WE.quaternion();
-    put(arm.at.at("position_m"), {X_WE.position.x(), X_WE.position.y(), X_WE.position.z()}, 3);
-    put(arm.at.at("quaternion_wxyz"), {r.w(), r.x(), r.y(), r.z()}, 4);
+    const auto pose = arm.terms->X_WE().values();
+    put(arm, "position_m", {pose.begin(), pose.begin() + 3});
+    put(arm, "quaternion_wxyz", {pose.begin() + 3, pose.end()});
   }
   t_.push_back(1e-9 * static_cast<double>(row_ns_));
   cycles_.push_back(row_cycle_);
@@ -231,42 +228,33 @@ void LogTable::thin() {
   every_ *= 2;
 }
 
+void LogTable::put(const Arm& of, const std::string& field, const std::vector<double>& values) {
+  const auto& [at, most] = of.at.at(field);
+  put(at, values, most);
+}
+
+void LogTable::put_quantities(const Arm& of, const auto& message) {
+  for_each_number(message,
+                  [&](const char* name, const std::vector<double>& numbers) { put(of, name, numbers); });
+}
+
 void LogTable::take_numbers(const McapReader::Message& message) {
   if (holds<msg::ArmState>(*message.schema)) {
     const auto state = from_cdr<msg::ArmState>(message.data);
     const Arm& of = arm(state.arm);
     row_cycle_ = static_cast<double>(state.cycle);
-    put(of.at.at("age_s"), state.age);
-    put(of.at.at("mode"), state.mode);
-    put(of.at.at("errors"), static_cast<double>(state.errors));
-    put(of.at.at("command_success_rate"), state.command_success_rate);
-    put(of.at.at("has_gripper"), state.has_gripper ? 1 : 0);
-    if (state.has_gripper) {
-      put(of.at.at("gripper_width_m"), state.gripper_width);
-      put(of.at.at("gripper_max_width_m"), state.gripper_max_width);
-      put(of.at.at("gripper_grasped"), state.gripper_grasped ? 1 : 0);
-      put(of.at.at("gripper_moving"), state.gripper_moving ? 1 : 0);
-    }
-    put(of.at.at("q_rad"), state.q, of.joints);
-    put(of.at.at("dq_rad_per_s"), state.dq, of.joints);
-    put(of.at.at("tau_J_nm"), state.tau_j, of.joints);
-    put(of.at.at("tau_J_d_nm"), state.tau_j_d, of.joints);
-    put(of.at.at("tau_ext_nm"), state.tau_ext, of.joints);
+    put_quantities(of, state);
   } else if (holds<msg::ArmCommand>(*message.schema)) {
     const auto command = from_cdr<msg::ArmCommand>(message.data);
     const Arm& of = arm(command.arm);
     const auto owner = owner_of_.find(command.owner);
-    if (owner != owner_of_.end()) put(of.at.at("owner"), owner->second);
-    put(of.at.at("due"), command.due ? 1 : 0);
-    put(of.at.at("interventions"), static_cast<double>(command.interventions));
-    put(of.at.at("tau_controllet_nm"), command.tau_controllet, of.joints);
-    put(of.at.at("tau_feature_nm"), command.tau_feature, of.joints);
-    put(of.at.at("tau_cmd_nm"), command.tau_cmd, of.joints);
+    if (owner != owner_of_.end()) put(of, "owner", {static_cast<double>(owner->second)});
+    put_quantities(of, command);
   } else if (holds<msg::ArmWrench>(*message.schema)) {
     const auto wrench = from_cdr<msg::ArmWrench>(message.data);
     const Arm& of = arm(wrench.arm);
-    if (wrench.has_estimate) put(of.at.at("wrench_n_nm"), numbers(wrench.estimated), 6);
-    if (wrench.has_contact_truth) put(of.at.at("contact_wrench_n_nm"), numbers(wrench.contact), 6);
+    if (wrench.has_estimate) put(of, "wrench_n_nm", numbers_of(wrench.estimated));
+    put_quantities(of, wrench);
   } else if (holds<msg::Reference>(*message.schema)) {
     const auto reference = from_cdr<msg::Reference>(message.data);
     const auto place = places_.find(reference.instance + "/" + reference.input);

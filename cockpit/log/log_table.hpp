@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -10,13 +11,14 @@
 
 #include "core/model/model_terms.hpp"
 #include "logs/mcap_reader.hpp"
+#include "logs/messages.hpp"
 #include "runtime/shared_records/record_reader.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda::cockpit {
 
-// A log as rows of the fields of shared records, so that it is shown as a run is. A log of any length takes
-// bounded memory: when kMostRows are there, every second one is dropped, and so on.
+// A log as rows of the fields of shared records, so that it is shown like a run. Memory is bounded for any
+// length: at kMostRows rows every second one is dropped, and so on.
 class LogTable {
  public:
   static constexpr std::size_t kMostRows = 65536;
@@ -30,7 +32,7 @@ class LogTable {
   const std::vector<std::shared_ptr<const ArmModel>>& models() const { return models_; }
   const std::vector<RecordReader::Field>& fields() const { return fields_; }
   const nlohmann::json& layout() const { return layout_; }  // arms, controllets with inputs and outputs
-  const nlohmann::json& events() const { return events_; }  // as a run's
+  const nlohmann::json& events() const { return events_; }  // same format as a run's
   const std::vector<std::string>& owners() const { return owners_; }
   std::size_t rows() const { return t_.size(); }
   std::uint64_t every() const { return every_; }  // cycles per row
@@ -38,19 +40,21 @@ class LogTable {
   std::size_t row_at(double t_s) const;  // the last one not after it, or the first
   double value(std::size_t row, const RecordReader::Field& field, std::size_t k) const;
   RecordReader::Record record(std::size_t row) const;
-  // Frames in force at a row, per arm.
+  // Active frames at a row, per arm.
   std::vector<ArmFrames> frames(std::size_t row) const;
-  // Where the scene's objects are, in its order. None: it is fixed, or the log does not say.
+  // Poses of the scene's objects, in its order. None: fixed, or not in the log.
   std::vector<std::optional<Pose>> objects(std::size_t row) const;
 
  private:
   struct Arm {
     std::size_t joints = 0;
-    std::map<std::string, std::size_t> at;  // place of a field in a row, by its name without the arm's
+    // Place and count of a field in a row, by its name without the arm.
+    std::map<std::string, std::pair<std::size_t, std::size_t>> at;
     std::unique_ptr<ModelTerms> terms;
     ArmFrames frames;
-    std::vector<std::pair<double, ArmFrames>> changes;  // from which time
+    std::vector<std::pair<double, ArmFrames>> changes;  // from this time on
     bool stopped = false;
+    std::optional<msg::ArmReport> report;  // the newest one, since logs may contain fewer
   };
 
   void begin(const McapReader& reader);
@@ -67,6 +71,8 @@ class LogTable {
   Arm& arm(const std::string& name);
   void put(std::size_t at, double value) { row_[at] = static_cast<float>(value); }
   void put(std::size_t at, const std::vector<double>& values, std::size_t most);
+  void put(const Arm& of, const std::string& field, const std::vector<double>& values);
+  void put_quantities(const Arm& of, const auto& message);
 
   const std::size_t most_;
   std::string name_;
@@ -88,7 +94,7 @@ class LogTable {
 
   std::vector<double> t_, cycles_;
   std::vector<float> values_;  // rows
-  std::vector<float> row_;     // that is being read
+  std::vector<float> row_;     // being read
   std::int64_t row_ns_ = -1;
   double row_cycle_ = 0;
   bool kept_ = false;

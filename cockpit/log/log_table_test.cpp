@@ -1,5 +1,6 @@
 #include "cockpit/log/log_table.hpp"
 
+#include <cmath>
 #include <cstdlib>
 #include <fstream>
 
@@ -63,6 +64,32 @@ TEST(LogTable, HasEveryCycleOfAShortLog) {
     }
   }
   EXPECT_FALSE(table.events().empty());
+}
+
+// By the walk over the table of core/record/arm_sample.hpp; in single precision.
+TEST(LogTable, HasEveryQuantityOfTheArm) {
+  const LogTable table(run().log);
+  FieldList list(0);
+  visit_sample(list, ArmSample{}, 7);
+  std::vector<double> expected(list.offset() / 8);
+  for (std::size_t row = 0; row < table.rows(); row += 10) {  // those with a report of the arm
+    const ArmSample& arm = run().records[row].arms[0];
+    NumberWriter writer(expected.data());
+    visit_sample(writer, arm, 7);
+    EXPECT_TRUE(arm.has_report);
+    for (const RecordField& one : list.fields()) {
+      if (one.name.starts_with("gripper_") && !arm.has_gripper) continue;
+      for (std::size_t k = 0; k < one.count; ++k) {
+        const double found = table.value(row, field(table, "arm/" + one.name), k);
+        const double number = expected[one.offset / 8 + k];
+        if (std::isnan(number)) {
+          EXPECT_TRUE(std::isnan(found)) << one.name;
+        } else {
+          EXPECT_EQ(found, static_cast<float>(number)) << one.name;
+        }
+      }
+    }
+  }
 }
 
 // Two algorithms for the end effector's place: the table's, and the model's at the record's joints.
@@ -129,7 +156,7 @@ class LogSourceTest : public testing::Test {
     logs.push_back(std::make_unique<LogTable>(run().log, 100));
     source_ = std::make_unique<LogSource>(std::move(logs));
   }
-  Reply ask(const json& request) { return std::get<Reply>(source_->ask(request)); }
+  Reply ask(const json& request) { return std::get<Reply>(source_->ask(request, host_now())); }
   static std::vector<double> numbers(const Reply& reply) {
     std::vector<double> values((reply.numbers.size() - 16) / 8);
     std::memcpy(values.data(), reply.numbers.data() + 16, 8 * values.size());

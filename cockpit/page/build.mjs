@@ -36,7 +36,7 @@ const style = await build({
   logLevel: "warning",
   metafile: true,
 });
-// What is bundled, for the notices in packages (packages/notices.py).
+// What is bundled, for the notices in packages (packaging/notices.py).
 const inputs = [script, style].flatMap((made) => Object.keys(made.metafile.inputs));
 const packages = inputs.flatMap((file) => file.match(/node_modules\/((?:@[^/]+\/)?[^/]+)/)?.[1] ?? []);
 writeFileSync(`${out}.packages`, [...new Set(packages)].sort().join("\n") + "\n");

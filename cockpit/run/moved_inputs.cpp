@@ -6,11 +6,11 @@
 namespace multipanda::cockpit {
 namespace {
 
-// What the reference brakes with (core/reference/reference.hpp), and the least time that it takes.
+// Deceleration of the reference (core/reference/reference.hpp), and the shortest time that it takes.
 constexpr double kBraking = 4, kTurnBraking = 8, kJointBraking = 5;  // [m/s^2], [rad/s^2]
 constexpr double kLeastTime = 0.1;                                   // [s]
 
-// Distance within which a speed is gone.
+// Distance within which a speed is reduced to zero.
 double way(double speed, double braking) { return speed * std::max(0.5 * kLeastTime, speed / (2 * braking)); }
 
 Quaternion quaternion(const std::vector<double>& pose) { return {pose[3], pose[4], pose[5], pose[6]}; }
@@ -79,11 +79,31 @@ bool MovedInputs::bring_to_rest(Instance& instance, std::size_t index, const Rec
   Target goal;
   goal.size = static_cast<std::uint8_t>(rest.size());
   std::ranges::copy(rest, goal.values.begin());
-  // Directly to the input, as samples of streams go: it replaces every sample that was sent before it.
+  // Directly to the input, like samples of streams: it replaces every earlier sample.
   return input.post(goal) == Verdict::accepted;
 }
 
-void MovedInputs::come_to_rest(const RecordReader& records, bool deactivate) {
+bool MovedInputs::stands_still(const Instance& instance, std::uint64_t since,
+                               const RecordReader& records) const {
+  const auto* time = records.find("t_ns");
+  RecordReader::Record record;
+  double newest = std::nan("");
+  for (std::uint64_t number = records.records(); number-- > since;) {
+    if (!records.read(number, record)) return false;
+    for (const ArmIndex arm : instance.arm_list()) {
+      const auto* speeds = records.find(modes_.arm_name(arm) + "/dq_rad_per_s");
+      for (std::size_t k = 0; k < speeds->count; ++k) {
+        if (!(std::abs(RecordReader::number(record, *speeds, k)) < kStillest)) return false;
+      }
+    }
+    const double t = 1e-9 * RecordReader::number(record, *time);
+    if (std::isnan(newest)) newest = t;
+    if (newest - t >= kStill) return true;
+  }
+  return false;
+}
+
+InstanceSet MovedInputs::come_to_rest(const RecordReader& records, bool deactivate) {
   for (const std::uint64_t ticket : tickets_) modes_.withdraw(ticket);
   tickets_.clear();
   InstanceSet ending = 0;
@@ -95,14 +115,22 @@ void MovedInputs::come_to_rest(const RecordReader& records, bool deactivate) {
     if (deactivate || !rests) ending |= bit(index);
   }
   inputs_.clear();
-  if (ending == 0) return;
+  for (const auto& [index, record] : std::exchange(changed_, {})) {
+    const Instance& instance = modes_.instance(index);
+    // Its start may have been taken and not be visible yet, so it ends whether it is active or not.
+    if (deactivate || !(instance.descriptor().guided || stands_still(instance, record, records)))
+      ending |= bit(index);
+  }
+  if (ending == 0) return 0;
   Request request{.kind = Request::Kind::switch_controllets};
   request.deactivate = ending;
   std::uint64_t ticket = 0;
-  if (modes_.post(std::span(&request, 1), ticket) == Verdict::accepted) return;
+  const InstanceSet ended = deactivate ? 0 : ending & active;
+  if (modes_.post(std::span(&request, 1), ticket) == Verdict::accepted) return ended;
   for (InstanceIndex i = 0; i < modes_.instance_count(); ++i) {
     if ((ending & bit(i)) != 0) modes_.stop(modes_.instance(i).arms());
   }
+  return ended;
 }
 
 }  // namespace multipanda::cockpit

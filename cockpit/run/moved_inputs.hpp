@@ -9,31 +9,38 @@
 
 namespace multipanda::cockpit {
 
-// The inputs of controllets that a hold has moved, and how they come to rest when it ends.
+// What a hold has moved, and how it comes to rest when the hold ends: inputs of controllets, and controllets
+// that it has activated or changed otherwise.
 class MovedInputs {
  public:
   explicit MovedInputs(MultimodeController& modes) : modes_(modes) {}
 
   void add(InstanceIndex instance, std::size_t input) { inputs_[{instance, input}] = 0; }
-  // A goal that the loop has not taken yet.
+  // `record`: the number of the newest one when it was asked for.
+  void add_change(InstanceIndex instance, std::uint64_t record) { changed_[instance] = record; }
+  // A request that the loop has not taken yet.
   void add_ticket(std::uint64_t ticket) { tickets_.push_back(ticket); }
-  bool empty() const { return inputs_.empty(); }
 
   // Set-points stop: poses and joints brake from the newest two records, twists and wrenches go to zero,
-  // scalars stay. `deactivate`: their controllets end, too, so that their arms are held. Goals that wait are
-  // taken back first. Whatever cannot be done stops the arms.
-  void come_to_rest(const RecordReader& records, bool deactivate);
+  // scalars stay and count as changes. Nobody can tell how far a change still leads, so the controllets that
+  // have one end, and hold takes their arms, unless these have stood still for kStill since; a person moves
+  // those of a guided one. `deactivate`: all of these controllets end. Requests that wait are taken back
+  // first. Whatever cannot be done stops the arms. Returns those that ended although not all had to.
+  static constexpr double kStill = 0.3;      // longer than any ramp takes to begin a motion [s]
+  static constexpr double kStillest = 0.01;  // of each joint [rad/s]
+  InstanceSet come_to_rest(const RecordReader& records, bool deactivate);
 
-  // The place where a set-point comes to rest (in Target's order), from two of its values and the time
-  // between them.
+  // The rest position of a set-point (in Target's order), from two values and the time between them.
   static std::vector<double> resting_place(Quantity quantity, const std::vector<double>& before,
                                            const std::vector<double>& now, double dt);
 
  private:
   bool bring_to_rest(Instance& instance, std::size_t input, const RecordReader& records);
+  bool stands_still(const Instance& instance, std::uint64_t since, const RecordReader& records) const;
 
   MultimodeController& modes_;
   std::map<std::pair<InstanceIndex, std::size_t>, int> inputs_;
+  std::map<InstanceIndex, std::uint64_t> changed_;
   std::vector<std::uint64_t> tickets_;
 };
 

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
-#include "device/arm_error.hpp"
+#include "arm_interface/arm_error.hpp"
+#include "common/spelling.hpp"
 #include "runtime/error_report.hpp"
 #include "runtime/live_input/json_fields.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::cockpit {
 namespace {

@@ -6,18 +6,18 @@
 
 #include <nlohmann/json.hpp>
 
-#include "cockpit/desk/source.hpp"
-#include "runtime/cycle_histogram.hpp"
+#include "cockpit/clients/source.hpp"
+#include "core/rt/cycle_histogram.hpp"
 #include "runtime/shared_records/record_reader.hpp"
 
 namespace multipanda::cockpit {
 
-// What pages get of shared records: the newest one, plots, events, the times of cycles. Cockpit's thread.
+// Data for pages from shared records: the newest record, plots, events, cycle times. Cockpit's thread.
 class RecordView {
  public:
   explicit RecordView(int file);  // of shared records; throws std::runtime_error
 
-  // Takes what is new; `see` gets every new event.
+  // Reads new data; `see` gets every new event.
   void update(HostTime now, const std::function<void(const nlohmann::json& event)>& see = {});
 
   const std::vector<RecordReader::Field>& fields() const { return reader_.fields(); }
@@ -25,7 +25,8 @@ class RecordView {
   std::uint64_t count() const { return records_; }
   const RecordReader::Record& newest() const { return record_; }  // empty: none yet
   double since_s(HostTime now) const;                             // age of the newest one; 0: none
-  double still_s(HostTime now) const;  // how long the loop's time has stood still (a pause: cycles go on)
+  double still_s(HostTime now) const;  // how long the loop's time has not advanced (in a pause cycles
+                                       // continue)
 
   nlohmann::json field_list() const;  // [name, count] of each
   nlohmann::json names() const;       // behind numbers: modes, controllets, errors, interventions

@@ -1,10 +1,14 @@
 #include "cockpit/run/run_source.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 
 #include "cockpit/view/scene_text.hpp"
+#include "common/spelling.hpp"
+#include "core/controllets/goal_parameters.hpp"
 #include "runtime/live_input/backend_requests.hpp"
+#include "runtime/request_text.hpp"
 
 namespace multipanda::cockpit {
 namespace {
@@ -25,9 +29,8 @@ int file_of(const LiveInputContext& input) {
 
 }  // namespace
 
-RunSource::RunSource(Session& session, ObjectPoses* objects)
+RunSource::RunSource(Session& session)
     : session_(session),
-      objects_(objects),
       input_(session.live_input()),
       handler_(input_),
       records_(file_of(input_)),
@@ -76,6 +79,22 @@ void RunSource::update(HostTime now) {
       ++list_version_;
   });
   look_at_status(now);
+  (void)look_at_stops();
+}
+
+std::string RunSource::look_at_stops() {
+  std::string refused;
+  std::erase_if(stopping_, [&](auto& entry) {
+    auto& [arm, answer] = entry;
+    if (answer.wait_for(std::chrono::seconds(0)) != std::future_status::ready) return false;
+    const RequestAnswer said = answer.get();
+    if (said.success) return true;
+    const std::string& name = session_.modes().arm_name(arm);
+    not_stopped_[arm] = "the gripper of " + name + " may still move, it did not stop: " + said.reason;
+    refused += (refused.empty() ? "" : "; ") + not_stopped_[arm];
+    return true;
+  });
+  return refused;
 }
 
 void RunSource::look_at_status(HostTime now) {
@@ -92,7 +111,9 @@ void RunSource::look_at_status(HostTime now) {
 
 std::span<const double> RunSource::state(HostTime now) {
   if (records_.newest().empty()) return {};
-  if (objects_ != nullptr) objects_->read(poses_);
+  poses_.clear();
+  for (std::size_t i = 0; input_.objects != nullptr && i < input_.objects->count(); ++i)
+    poses_.push_back(input_.objects->read(i));
   return view_.compute(records_.newest(), records_.since_s(now), more_, poses_);
 }
 
@@ -103,6 +124,10 @@ json RunSource::slow_state() {
   for (std::size_t i = 0; i < state["arms"].size(); ++i) {
     json& arm = state["arms"][i];
     arm["cures"] = cures_of(arm["errors"].get<std::uint64_t>());
+    if (const auto found = not_stopped_.find(i); found != not_stopped_.end()) {
+      const std::string other = arm.value("reason", "");
+      arm["reason"] = other.empty() ? found->second : other + "; " + found->second;
+    }
     if (i < status_.arms.size()) arm["tracking_unit"] = status_.arms[i].tracking_unit;
   }
   return state;
@@ -127,16 +152,56 @@ bool RunSource::is_open(const std::string& command) const {
   return command == "list" || command == "state" || command == "histogram" || command == "stop";
 }
 
-bool RunSource::moves(const std::string& command) const { return command == "reference"; }
+bool RunSource::moves(const json& request) const {
+  const std::string word = request.at("do").get<std::string>();
+  const JsonFields fields(request, word);
+  if (const auto asked = handler_.read(word, fields)) return moves(*asked);
+  const auto names = backend_request_names();
+  return std::ranges::find(names, word) != names.end() &&
+         multipanda::moves(read_backend_request(word, fields, with_common({})));
+}
 
-std::variant<Reply, Later> RunSource::ask(const json& request) {
+bool RunSource::moves(const Request& request) const {
+  const MultimodeController& modes = session_.modes();
+  switch (request.kind) {
+    case Request::Kind::switch_controllets:  // to a hold: no
+      return (request.activate >> modes.arm_count()) != 0;
+    case Request::Kind::set_parameter:
+      return moves_parameter(request);
+    case Request::Kind::set_feature:
+    case Request::Kind::set_target:
+      return true;
+    case Request::Kind::resume:
+      return false;
+  }
+  return true;
+}
+
+// Softer is never farther.
+bool RunSource::moves_parameter(const Request& request) const {
+  const Instance& instance = session_.modes().instance(request.instance);
+  const ParameterSpec& spec = instance.parameter_spec(request.index);
+  if (!is_stiffness(spec)) return acts_as_goal(spec);
+  const auto now = instance.parameter(request.index);
+  for (std::size_t k = 0; k < now.size(); ++k) {
+    if (request.values[std::min<std::size_t>(k, request.size - 1)] > now[k]) return true;
+  }
+  return false;
+}
+
+std::variant<Reply, Later> RunSource::ask(const json& request, HostTime arrived) {
   const std::string word = request.at("do").get<std::string>();
   if (word == "histogram") return Reply{.answer = records_.histogram(), .numbers = {}};
-  auto pending = std::make_shared<RequestHandler::Pending>();
+  // Nothing begins for a page that is gone.
+  const std::shared_ptr<RequestHandler::Pending> pending(new RequestHandler::Pending,
+                                                         [this](RequestHandler::Pending* gone) {
+                                                           handler_.abandon(*gone);
+                                                           delete gone;
+                                                         });
   const HostTime received = host_now();
-  auto at_once = handler_.begin(request, *pending);
+  auto at_once = handler_.begin(request, *pending, arrived);
   const bool accepted = !at_once || at_once->value("ok", false);
-  if (word == "reference" && accepted) note_moved(request, pending->ticket);
+  if (accepted && moves(request)) note_moved(request, pending);
   const auto finish = [word, received](json answer) {
     if (word == "stop") answer["received_ns"] = received.ns;
     return Reply{.answer = std::move(answer), .numbers = {}};
@@ -149,13 +214,46 @@ std::variant<Reply, Later> RunSource::ask(const json& request) {
   });
 }
 
-void RunSource::note_moved(const json& request, std::uint64_t ticket) {
-  MultimodeController& modes = session_.modes();
-  const InstanceIndex instance = modes.find(request.at("controllet").get<std::string>());
-  moved_.add(instance, modes.instance(instance).find_input(request.at("input").get<std::string>()));
-  if (ticket != 0) moved_.add_ticket(ticket);
+void RunSource::note_moved(const json& request, const std::shared_ptr<RequestHandler::Pending>& pending) {
+  const MultimodeController& modes = session_.modes();
+  const auto note = [&](InstanceIndex instance) {
+    if (instance >= modes.arm_count()) moved_.add_change(instance, records_.reader().records());
+  };
+  const std::string word = request.at("do").get<std::string>();
+  const auto asked = handler_.read(word, JsonFields(request, word));
+  if (pending->ticket != 0) moved_.add_ticket(pending->ticket);
+  if (!asked) {
+    const ArmIndex arm = handler_.arm(request.at("arm").get<std::string>());
+    if (word == "gripper" || word == "vacuum") {
+      not_stopped_.erase(arm);
+      gripping_.push_back({arm, word == "gripper" ? GripperRequest(GripperStop{}) : VacuumStop{}, pending});
+    } else {
+      note(modes.owner(arm));
+    }
+  } else if (asked->kind == Request::Kind::set_target) {
+    moved_.add(asked->instance, asked->index);
+    const Quantity quantity = modes.instance(asked->instance).inputs()[asked->index].spec().quantity;
+    if (quantity == Quantity::scalar) note(asked->instance);  // nobody can tell what it leads
+  } else if (asked->kind == Request::Kind::switch_controllets) {
+    for_each(asked->activate, note);
+  } else {
+    note(asked->instance);
+  }
 }
 
-void RunSource::come_to_rest(bool hold) { moved_.come_to_rest(records_.reader(), hold); }
+std::string RunSource::come_to_rest(bool hold) {
+  for (const auto& [arm, stop, pending] : std::exchange(gripping_, {})) {
+    const auto& answer = pending->answer;
+    if (!answer.valid() || answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready) continue;
+    handler_.abandon(*pending);  // if it has not begun
+    stopping_.emplace_back(arm, session_.backend().request(arm, stop));
+  }
+  const InstanceSet ended = moved_.come_to_rest(records_.reader(), hold);
+  const std::string refused = look_at_stops();
+  if (ended == 0) return refused;
+  return (refused.empty() ? "" : refused + "; ") +
+         "it was let go before the arms had stood still for 0.3 s: " +
+         joined(names_of(session_.modes(), ended), ", ") + " has ended, hold has the arms";
+}
 
 }  // namespace multipanda::cockpit

@@ -1,13 +1,13 @@
 #pragma once
 
+#include <future>
+#include <map>
 #include <memory>
-#include <set>
 #include <string>
 #include <vector>
 
-#include "cockpit/desk/source.hpp"
+#include "cockpit/clients/source.hpp"
 #include "cockpit/run/moved_inputs.hpp"
-#include "cockpit/run/object_poses.hpp"
 #include "cockpit/run/record_view.hpp"
 #include "cockpit/run/state_view.hpp"
 #include "runtime/live_input/request_handler.hpp"
@@ -20,7 +20,7 @@ class RunSource final : public Source {
  public:
   // `session` (with share_records) must outlive this; `objects` may be nullptr. Throws std::runtime_error if
   // the run shares no records.
-  RunSource(Session& session, ObjectPoses* objects);
+  explicit RunSource(Session& session);
 
   nlohmann::json hello() override;
   void update(HostTime now) override;
@@ -37,22 +37,33 @@ class RunSource final : public Source {
   std::uint32_t rows(Plot& plot, std::string& out) override { return records_.rows(plot, out); }
   std::vector<std::string> commands() const override;
   bool is_open(const std::string& command) const override;
-  bool moves(const std::string& command) const override;
-  std::variant<Reply, Later> ask(const nlohmann::json& request) override;
+  bool moves(const nlohmann::json& request) const override;
+  std::variant<Reply, Later> ask(const nlohmann::json& request, HostTime arrived) override;
   bool is_stopped() const override { return !session_.modes().stopped().empty(); }
-  void come_to_rest(bool hold) override;
+  std::string come_to_rest(bool hold) override;
 
  private:
   void look_at_status(HostTime now);
-  void note_moved(const nlohmann::json& request, std::uint64_t ticket);
+  std::string look_at_stops();  // what was refused now
+  bool moves(const Request& request) const;
+  bool moves_parameter(const Request& request) const;
+  void note_moved(const nlohmann::json& request, const std::shared_ptr<RequestHandler::Pending>& pending);
 
   Session& session_;
-  ObjectPoses* objects_;
   const LiveInputContext input_;
   RequestHandler handler_;
   RecordView records_;
   StateView view_;
   MovedInputs moved_;
+  // Motions of grippers that this hold has begun, and what stops them.
+  struct Gripping {
+    ArmIndex arm;
+    GripperRequest stop;
+    std::shared_ptr<RequestHandler::Pending> pending;
+  };
+  std::vector<Gripping> gripping_;
+  std::vector<std::pair<ArmIndex, std::future<RequestAnswer>>> stopping_;
+  std::map<ArmIndex, std::string> not_stopped_;  // grippers that refused to stop
   std::uint64_t list_version_ = 1;
   HostTime next_status_;
   RunStatus status_;

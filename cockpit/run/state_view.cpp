@@ -4,7 +4,7 @@
 #include <chrono>
 #include <limits>
 
-#include "scene/collision_shapes.hpp"
+#include "scene/build.hpp"
 
 namespace multipanda::cockpit {
 namespace {

@@ -14,7 +14,7 @@
 
 namespace multipanda::cockpit {
 
-// The numbers of a state (docs/cockpit_wire.md): those of a record, and what follows from them by the models.
+// The numbers of a state (cockpit/WIRE.md): those of a record, and values derived by the models.
 class StateView {
  public:
   // `fields`: of the records. `models`: per arm. Throws std::invalid_argument.
@@ -23,10 +23,10 @@ class StateView {
 
   // [name, count] of the numbers, in order.
   const nlohmann::json& fields() const { return described_; }
-  // As the arms and objects stand at the start.
+  // Initial poses of arms and objects.
   nlohmann::json bodies();
 
-  struct More {  // per arm, beside the record
+  struct More {  // per arm, in addition to the record
     ArmFrames frames;
     double tracking_error = 0, torque_use = 0;
   };

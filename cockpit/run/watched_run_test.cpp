@@ -63,13 +63,14 @@ void command(const Address& address, std::atomic<int>& accepted) {
          {"quaternion_wxyz", {0, 1, 0, 0}},
          {"stream", true}});
   }
-  page.say(R"({"release": true})");
   const json stiffness = {{"do", "parameter"},
                           {"controllet", "cartesian"},
                           {"name", "translational_stiffness_n_per_m"},
                           {"value", 500}};
   ask(stiffness);
+  page.say(R"({"beat": 1})");
   ask({{"do", "switch"}, {"activate", {"joint"}}});
+  page.say(R"({"release": true})");
 }
 
 struct Counted {
@@ -81,13 +82,12 @@ struct Counted {
 Counted run_with_pages(double seconds, std::atomic<int>& frames, std::atomic<int>& accepted) {
   OpenedScene opened = open_scene("one_arm");
   opened.scene.timeline.clear();
-  ObjectPoses objects(opened.scene);
   Counted counted;
   bool armed = false;
   SessionOptions options{.paced = true, .duration_s = seconds};
   options.share_records = true;
-  // Until the next call: a whole cycle, what the session does around it, and the cockpit's part.
-  options.on_loop = [&](const Tick& tick, const Backend& backend) {
+  // Until the next call: a whole cycle, and what the session does around it.
+  options.on_loop = [&](const Tick& tick, const Backend&) {
     if (armed) {
       const LoopGuardCounts counts = LoopGuard::disarm();
       counted.all.heap_calls += counts.heap_calls;
@@ -97,14 +97,13 @@ Counted run_with_pages(double seconds, std::atomic<int>& frames, std::atomic<int
     }
     armed = kLoopGuardWorks && tick.cycle > kFirst;
     if (armed) LoopGuard::arm();
-    objects.on_loop(tick, backend);
   };
   auto cockpit = std::make_unique<Cockpit>(std::uint16_t{0});
   const Address address(cockpit->address());
   Session session(std::move(opened.scene), opened.registry, std::move(options));
   std::vector<std::jthread> pages;
   {
-    const ShownRun shown(*cockpit, session, &objects);
+    const ShownRun shown(*cockpit, session);
     session.start();
     for (int i = 0; i < kWatchers; ++i) pages.emplace_back([&] { watch(address, frames); });
     pages.emplace_back([&] { command(address, accepted); });

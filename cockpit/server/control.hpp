@@ -11,12 +11,12 @@ namespace multipanda::cockpit {
 
 using ClientId = std::uint64_t;  // counts up from 1
 
-// One client commands at most, and everybody else watches. A free control goes to the first who takes it; a
+// At most one client commands, all others watch. Free control goes to the first who takes it; a
 // held one is requested from its holder, who hands it over or keeps it. One thread; the caller has the clock.
 class Control {
  public:
-  // A request that the holder leaves without an answer is granted after this time, unless something moves in
-  // the holder's hand at that moment.
+  // A request that the holder does not answer is granted after this time, unless the holder is moving
+  // something at that moment.
   static constexpr double kPatience = 10;  // [s]
 
   struct Requested {
@@ -46,7 +46,7 @@ class Control {
     forget(to);
     return true;
   }
-  // The holder gives it up: the oldest request is granted.
+  // The holder releases control: the oldest request is granted.
   void give_up() {
     holder_.reset();
     if (requests_.empty()) return;
@@ -54,12 +54,12 @@ class Control {
     requests_.erase(requests_.begin());
   }
   void keep() { requests_.clear(); }  // refuses all requests
-  // A client is gone.
+  // A client has disconnected.
   void leave(ClientId client) {
     forget(client);
     if (holder_ == client) give_up();
   }
-  // Grants the oldest request whose time is over. `moving`: the holder holds a motion now. True: granted.
+  // Grants the oldest expired request. `moving`: the holder is in a motion. True: granted.
   bool pass_on(HostTime now, bool moving) {
     if (moving || requests_.empty() || seconds(now - requests_.front().at) < kPatience) return false;
     give_up();

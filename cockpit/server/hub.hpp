@@ -2,7 +2,10 @@
 
 #include <atomic>
 #include <chrono>
+#include <deque>
+#include <filesystem>
 #include <list>
+#include <memory>
 #include <optional>
 #include <string>
 #include <thread>
@@ -11,27 +14,32 @@
 
 #include "cockpit/server/connection.hpp"
 #include "cockpit/server/control.hpp"
-#include "cockpit/server/page_files.hpp"
-#include "cockpit/wire/websocket.hpp"
+#include "common/child_process.hpp"
+#include "core/types/time.hpp"
 
 namespace multipanda::cockpit {
 
-// Bounds of what others can cost (docs/cockpit_wire.md). Durations in [s].
+// Limits on the resources used by others (cockpit/WIRE.md). Durations in [s].
 struct HubLimits {
-  std::size_t clients = 16, connections = 64;
+  std::size_t connections = 64;                           // with a token
   std::size_t first_message = 1024, message = 64 * 1024;  // [bytes]
+  std::size_t waiting = 256 * 1024;                       // messages that wait for their turn [bytes]
   std::size_t unsent = 16u << 20;  // answers and news that a client does not read [bytes]
   double messages_per_s = 1000, burst = 2000;
-  double first_s = 5;   // to the whole head of a request, and to the token
-  double ping_s = 2;    // of silence, until it is asked whether anybody is there
-  double silent_s = 6;  // until it is closed
+  double first_s = 5;   // to the end of the handshake, and to the token
+  double ping_s = 2;    // between two pings
+  double silent_s = 6;  // without an answer to them before the connection is closed
 };
 
-// Serves the page and its WebSockets on 127.0.0.1, in a thread of its own: reads requests, checks hosts,
-// origins and tokens, keeps the limits, and passes messages on. It never waits for a client.
+// Why a connection ends (RFC 6455, section 7.4.1).
+enum class CloseCode : std::uint16_t { normal = 1000, going_away = 1001, policy = 1008 };
+
+// Brings the clients of a page server (page_server.py), a process of its own that serves the page and its
+// WebSockets on 127.0.0.1, to a handler, in a thread of its own. It never waits for a client. The handler
+// says which messages are urgent: they overtake others, and count beyond the limits and after the end.
 class Hub {
  public:
-  // A WebSocket whose token was right. Used on the hub's thread only.
+  // A WebSocket with a valid token. Used on the hub's thread only.
   class Client {
    public:
     virtual ~Client() = default;
@@ -42,73 +50,83 @@ class Hub {
     virtual void close(CloseCode code, std::string reason) = 0;
   };
 
-  // What the hub serves; called on the hub's thread.
+  // Contents of the hub; called on the hub's thread.
   class Handler {
    public:
     virtual ~Handler() = default;
     virtual void join(Client& client, const nlohmann::json& id) = 0;  // `id`: of its first message
-    virtual void take(Client& client, const nlohmann::json& message) = 0;
+    virtual bool is_urgent(const std::string& /*message*/) const { return false; }
+    // `arrived`: 0 if the page server stood still meanwhile, so that it may be of long ago.
+    virtual void take(Client& client, const nlohmann::json& message, HostTime arrived) = 0;
     virtual void leave(Client& client) = 0;
-    // Called after whatever came, and at the latest after the time that it returned last.
+    // Called after every message, and at the latest after the time that it returned last.
     virtual std::chrono::nanoseconds turn(HostTime now) = 0;
   };
 
-  // Begins to listen; port 0: any free one. `handler` must outlive this. Throws std::runtime_error.
-  Hub(std::uint16_t port, std::string token, PageFiles files, Handler& handler, HubLimits limits = {});
-  ~Hub();  // closes all connections: the end has come
+  struct Options {
+    std::uint16_t port = 0;      // 0: any free one
+    bool or_any = false;         // any free one if that is taken
+    std::filesystem::path page;  // folder of the page's files; without them there is no page
+    HubLimits limits{};
+  };
+  // Starts the server and waits until it listens. `handler` must outlive this. Throws std::runtime_error.
+  Hub(const Options& options, Handler& handler);
+  ~Hub();  // closes all connections
   Hub(const Hub&) = delete;
 
   std::uint16_t port() const { return port_; }
+  const std::string& token() const { return token_; }
   std::string address() const;  // "http://127.0.0.1:PORT/#TOKEN"
-  // Connections that were closed or refused because of a limit or a wrong token, so far.
-  std::uint64_t refused() const { return refused_.load(std::memory_order_relaxed); }
+  bool has_page() const { return has_page_; }
+  pid_t server() const { return server_->id(); }
 
  private:
+  struct Frame {
+    char kind = 0;
+    ClientId client = 0;
+    std::int64_t number = 0;
+    std::string payload;
+  };
   struct Peer final : Client {
-    Peer(int file, ClientId id, const HubLimits& limits, HostTime now);
+    Peer(Hub& hub, ClientId id) : hub_(hub), id_(id) {}
     ClientId id() const override { return id_; }
     void send(const nlohmann::json& message) override;
-    void send_numbers(std::string_view bytes) override;
-    std::size_t unsent() const override { return connection.unsent(); }
+    void send_numbers(std::string_view bytes) override { send('N', bytes); }
+    std::size_t unsent() const override { return sent - written; }
     void close(CloseCode code, std::string reason) override;
+    void send(char kind, std::string_view payload);
 
-    enum class State { http, token, client, closing };
-    Connection connection;
+    struct Waiting {
+      std::string text;
+      HostTime arrived;
+      std::size_t bytes() const { return sizeof(Waiting) + text.size(); }
+    };
+    Hub& hub_;
     ClientId id_;
-    State state = State::http;
-    HttpReader http;
-    WebSocketReader frames;
-    HostTime begun, heard, closed;  // since when it is in this state; the newest byte
-    HostTime filled;                // when `allowance` was counted
-    double allowance;               // of messages
-    bool pinged = false, joined = false;
-    bool more = false;  // messages that came and are for the next turn
+    bool closing = false, left = false;
+    std::size_t sent = 0, written = 0;  // payloads for it; those that the page server has written [bytes]
+    std::deque<Waiting> waiting;        // messages for the next turns
+    std::size_t waiting_bytes = 0;
   };
 
+  void put(const Frame& frame);
+  std::optional<Frame> next_frame();
+  void learn_address();
   void run();
   void wait(std::chrono::nanoseconds longest);
-  void accept_all();
-  void serve(Peer& peer);
-  void serve_http(Peer& peer);
-  void refuse(Peer& peer, int status, const std::string& reason);
-  void answer_http(Peer& peer, const HttpRequest& request);
-  void begin_websocket(Peer& peer, const HttpRequest& request);
-  void serve_frames(Peer& peer);
-  void take_text(Peer& peer, const std::string& text);
-  void take_token(Peer& peer, const nlohmann::json& message);
-  bool may_send(Peer& peer, HostTime now);
-  void watch(Peer& peer, HostTime now);
-  std::size_t client_count() const;
+  void take(Frame& frame);
+  void take_text(Peer& peer, std::string text, HostTime arrived, bool beyond_limits);
+  void take_waiting(Peer& peer);
 
-  const std::string token_;
-  const PageFiles files_;
   const HubLimits limits_;
   Handler& handler_;
-  int listening_ = -1, wake_ = -1;
+  int wake_ = -1;
+  std::unique_ptr<Connection> channel_;  // to the page server
+  std::unique_ptr<ChildProcess> server_;
   std::uint16_t port_ = 0;
-  ClientId next_id_ = 1;
+  std::string token_;
+  bool has_page_ = false, said_ = false;
   std::list<Peer> peers_;  // oldest first
-  std::atomic<std::uint64_t> refused_{0};
   std::atomic<bool> ending_{false};
   std::thread thread_;
 };

@@ -8,7 +8,7 @@
 
 namespace multipanda::cockpit {
 
-// Parts of arms that are close to each other or to a fixed object of the scene.
+// Pairs of parts that are close: arms, or an arm and a fixed object of the scene.
 class NearPairs {
  public:
   static constexpr double kNear = 0.05;  // [m]

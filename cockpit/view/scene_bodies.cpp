@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "cockpit/view/json_numbers.hpp"
-#include "models/looks.hpp"
+#include "models/robot_description.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::cockpit {
@@ -64,12 +64,7 @@ Pose half_turn() { return Pose::from(Vector3::Zero(), Quaternion(0, 0, 0, 1)); }
 
 }  // namespace
 
-void write_pose(const Pose& X, double* out) {
-  const Quaternion q = X.quaternion();
-  const std::array<double, 7> values{X.position.x(), X.position.y(), X.position.z(), q.w(),
-                                     q.x(),          q.y(),          q.z()};
-  std::ranges::copy(values, out);
-}
+void write_pose(const Pose& X, double* out) { std::ranges::copy(X.values(), out); }
 
 SceneBodies::SceneBodies(const Scene& scene) {
   for (std::size_t i = 0; i < scene.arms.size(); ++i) add_arm(scene.arms[i], i);

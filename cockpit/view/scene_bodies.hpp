@@ -14,8 +14,8 @@
 
 namespace multipanda::cockpit {
 
-// What a page draws of a scene: rigid bodies made of primitives, and where each of them is. Bodies come arm
-// by arm (links, tool shapes, hand, fingers), then the objects.
+// Drawing data of a scene: rigid bodies made of primitives, and their poses. Bodies come arm by arm (links,
+// tool shapes, hand, fingers), then the objects.
 class SceneBodies {
  public:
   static constexpr std::size_t kPoseNumbers = 7;  // x y z [m], quaternion w x y z
@@ -29,7 +29,7 @@ class SceneBodies {
 
   struct ArmPose {
     ModelTerms* terms = nullptr;  // updated
-    double gripper_width = 0;     // [m]; not a number: closed
+    double gripper_width = 0;     // NaN: closed [m]
   };
   // Poses of all bodies in the world (kPoseNumbers each). `objects`: of the scene's objects in order; none:
   // as in the scene.
@@ -43,7 +43,7 @@ class SceneBodies {
     Fixed to = Fixed::base;
     std::size_t index = 0;  // of the arm, or of the object
     std::size_t joint = 0;  // Fixed::joint
-    Pose X;                 // in the frame that it is fixed to; of an object: in the world
+    Pose X;                 // relative to its parent; of an object: in the world
     std::vector<nlohmann::json> shapes;
     bool movable = true;
   };

@@ -6,8 +6,7 @@
 
 namespace multipanda::cockpit {
 
-// The part `arms` of a scene's description (docs/cockpit_wire.md): limits, bases, end effectors, as the scene
-// has them.
+// The part `arms` of a scene's description (cockpit/WIRE.md): limits, bases and end effectors.
 nlohmann::json describe_arms(const Scene& scene);
 
 }  // namespace multipanda::cockpit

@@ -2,20 +2,20 @@
 
 #include <cmath>
 
+#include "arm_interface/arm_error.hpp"
 #include "cockpit/view/scene_text.hpp"
-#include "core/state/arm_mode_name.hpp"
-#include "device/arm_error.hpp"
-#include "fci/server/fault_commands.hpp"
+#include "common/spelling.hpp"
+#include "core/state/arm_state.hpp"
+#include "fci/server/virtual_arms.hpp"
 #include "runtime/live_input/backend_requests.hpp"
 #include "scene/build.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::cockpit {
 namespace {
 
 using nlohmann::json;
 
-constexpr double kStill = 0.25;  // the world stands still [s]
+constexpr double kStill = 0.25;  // time after which the world counts as paused [s]
 
 const std::vector<std::string> kCommands = {"list",        "state",     "histogram", "stop",
                                             "resume",      "user_stop", "recover",   "place_object",
@@ -96,7 +96,8 @@ std::span<const double> VirtualSource::state(HostTime now) {
   if (records_.newest().empty()) return {};
   const WorldFeed::Frames& frames = feed_.frames();
   for (std::size_t i = 0; i < more_.size(); ++i) more_[i].frames = frames[i];
-  feed_.objects().read(poses_);
+  poses_.clear();
+  for (std::size_t i = 0; i < feed_.objects().count(); ++i) poses_.push_back(feed_.objects().read(i));
   return state_view_.compute(records_.newest(), records_.since_s(now), more_, poses_);
 }
 
@@ -105,16 +106,12 @@ json VirtualSource::slow_state() {
   json arms = json::array();
   for (ArmIndex i = 0; i < newest_.arms.size(); ++i) {
     const ArmSample& sample = newest_.arms[i];
-    const auto mode = static_cast<ArmMode>(sample.mode);
     const fci::PortStatistics port = arms_.statistics(i);
-    json arm = {{"arm", arms_.names()[i]},
+    json arm = state_of(sample, feed_.layout().arms[i].joint_count);
+    arm.update({{"arm", arms_.names()[i]},
                 {"controllet", "program"},
-                {"mode", to_string(mode)},
-                {"stopped", mode == ArmMode::user_stopped},
-                {"errors", sample.errors},
-                {"error_names", error_list(sample.errors)},
+                {"stopped", static_cast<ArmMode>(sample.mode) == ArmMode::user_stopped},
                 {"cures", cures_of(sample.errors)},
-                {"interventions", 0},
                 {"last_intervention", ""},
                 {"tracking_unit", ""},
                 {"connection",
@@ -122,8 +119,7 @@ json VirtualSource::slow_state() {
                   {"lost", port.commands_lost},
                   {"late", port.commands_late},
                   {"commands_missed", port.commands_missed},
-                  {"command_success_rate", sample.command_success_rate}}}};
-    if (sample.has_gripper) arm["gripper"] = gripper_state(sample);
+                  {"command_success_rate", sample.command_success_rate}}}});
     arms.push_back(std::move(arm));
   }
   return {{"scene", scene_.name},
@@ -146,7 +142,7 @@ bool VirtualSource::is_open(const std::string& command) const {
   return command == "list" || command == "state" || command == "histogram" || command == "stop";
 }
 
-std::variant<Reply, Later> VirtualSource::ask(const json& request) {
+std::variant<Reply, Later> VirtualSource::ask(const json& request, HostTime /*arrived*/) {
   const std::string word = request.at("do").get<std::string>();
   const JsonFields fields(request, word);
   if (word == "stop" || word == "resume") return press_stops(request, word == "stop");
@@ -170,14 +166,22 @@ std::variant<Reply, Later> VirtualSource::ask(const json& request) {
 std::variant<Reply, Later> VirtualSource::press_stops(const json& request, bool pressed) {
   const json received = host_now().ns;
   const JsonFields fields(request, pressed ? "stop" : "resume");
-  fields.allow({"id", "do", "arms"});
-  auto names = fields.has("arms") ? fields.texts("arms") : std::vector<std::string>{"all"};
-  if (names == std::vector<std::string>{"all"}) names = arms_.names();
-  std::vector<ArmIndex> chosen;
-  for (const auto& name : names) chosen.push_back(arm_named(name));
-  Answers answers;
-  for (const ArmIndex arm : chosen) answers.push_back(arms_.request(arm, SetUserStop{pressed}));
+  ArmSet chosen = ArmSet::all(arms_.arm_count());
   json done = {{"ok", true}};
+  try {
+    fields.allow({"id", "do", "arms"});
+    ArmSet named;
+    for (const auto& name : fields.texts("arms"))
+      named |= name == "all" ? chosen : ArmSet::of(arm_named(name));
+    if (fields.has("arms") && !(pressed && named.empty())) chosen = named;
+  } catch (const RequestRefused& wrong) {
+    if (!pressed) throw;
+    done["message"] = std::string(wrong.what()) + ": all arms are stopped";
+  }
+  Answers answers;
+  for (ArmIndex arm = 0; arm < arms_.arm_count(); ++arm) {
+    if (chosen.contains(arm)) answers.push_back(arms_.request(arm, SetUserStop{pressed}));
+  }
   if (pressed) done["received_ns"] = received;
   return when_all(std::move(answers), std::move(done));
 }

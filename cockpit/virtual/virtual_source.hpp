@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "cockpit/desk/source.hpp"
+#include "cockpit/clients/source.hpp"
 #include "cockpit/run/record_view.hpp"
 #include "cockpit/run/state_view.hpp"
 #include "cockpit/virtual/world_feed.hpp"
@@ -14,8 +14,8 @@
 
 namespace multipanda::cockpit {
 
-// Virtual arms, which programs command over the network: their states, their stop buttons, the faults that
-// `virtual-arm` takes on its standard input, and the objects of their world. Nothing here moves an arm.
+// Virtual arms, which programs command over the network: their states, stop buttons, the fault commands of
+// `virtual-arm`, and the objects of their world. Nothing here moves an arm.
 class VirtualSource final : public Source {
  public:
   // `arms` calls feed.take(); both outlive this. Throws std::runtime_error without memory.
@@ -36,9 +36,9 @@ class VirtualSource final : public Source {
   std::uint32_t rows(Plot& plot, std::string& out) override { return records_.rows(plot, out); }
   std::vector<std::string> commands() const override;
   bool is_open(const std::string& command) const override;
-  bool moves(const std::string&) const override { return false; }
-  std::variant<Reply, Later> ask(const nlohmann::json& request) override;
-  void come_to_rest(bool) override {}
+  bool moves(const nlohmann::json&) const override { return false; }
+  std::variant<Reply, Later> ask(const nlohmann::json& request, HostTime arrived) override;
+  std::string come_to_rest(bool) override { return {}; }
 
  private:
   using Answers = std::vector<std::future<RequestAnswer>>;

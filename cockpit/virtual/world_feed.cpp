@@ -1,6 +1,7 @@
 #include "cockpit/virtual/world_feed.hpp"
 
 #include "core/cycle/sample_state.hpp"
+#include "core/record/arm_config.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::cockpit {
@@ -27,7 +28,7 @@ WorldFeed::WorldFeed(const Scene& scene)
 
 void WorldFeed::take(const MujocoPlant& plant) {
   const auto period = static_cast<std::uint64_t>(plant.periods());
-  objects_.take(period, [&](const std::string& name) { return plant.object_pose(name); });
+  objects_.take([&](const std::string& name) { return plant.object_pose(name); });
   CycleRecord* record = ring_.ring.back();
   if (record == nullptr) {
     ring_.dropped_records.fetch_add(1, std::memory_order_relaxed);
@@ -56,7 +57,7 @@ void WorldFeed::take(const MujocoPlant& plant) {
   ring_.ring.push();
 }
 
-// An event where the mode or the frames have changed; of an arm that shows up, its frames.
+// Events for changes of mode or frames; for a new arm, its frames.
 void WorldFeed::watch(ArmIndex arm, const ArmState& state, const CycleRecord& record) {
   Arm& known = arms_[arm];
   Event event{.t = record.t, .cycle = record.cycle, .arm = static_cast<std::uint16_t>(arm)};
@@ -69,19 +70,8 @@ void WorldFeed::watch(ArmIndex arm, const ArmState& state, const CycleRecord& re
   if (state.config_version == known.config_version) return;
   known.config_version = state.config_version;
   next_[arm] = state.frames;
-  event.kind = EventKind::arm_config;
   event.index = static_cast<std::uint16_t>(state.config_version);
-  const auto add = [&](double value) { event.values[event.size++] = value; };
-  for (const Pose& X : {state.frames.X_FE, state.frames.X_EK}) {
-    const Quaternion q = X.quaternion();
-    for (const double v : {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()})
-      add(v);
-  }
-  for (const Load& load : {state.tool, state.load}) {
-    for (const double v : {load.mass, load.p_FC.x(), load.p_FC.y(), load.p_FC.z()}) add(v);
-    const Matrix3& I = load.inertia_C;
-    for (const double v : {I(0, 0), I(0, 1), I(0, 2), I(1, 1), I(1, 2), I(2, 2)}) add(v);
-  }
+  put_arm_config(event, state.frames, state.tool, state.load);
   if (!ring_.events.push(event)) ring_.dropped_events.fetch_add(1, std::memory_order_relaxed);
 }
 

@@ -4,16 +4,16 @@
 #include <vector>
 
 #include "backends/mujoco/plant.hpp"
-#include "cockpit/run/object_poses.hpp"
 #include "core/record/cycle_record.hpp"
 #include "core/rt/triple_buffer.hpp"
 #include "core/types/capacity.hpp"
+#include "runtime/object_poses.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda::cockpit {
 
-// What the world of virtual arms hands to the cockpit: a record per period as a run's loop makes them, whose
-// only controllet is `program`, the programs that are connected.
+// Data from the world of virtual arms for the cockpit: a record per period, like those of a run's loop, with
+// the single controllet `program`, which stands for the connected programs.
 class WorldFeed {
  public:
   using Frames = std::array<ArmFrames, kMaxArms>;
@@ -26,7 +26,7 @@ class WorldFeed {
   // --- the cockpit's thread ---
   const RecordLayout& layout() const { return layout_; }
   RecordRing& ring() { return ring_; }
-  ObjectPoses& objects() { return objects_; }
+  const ObjectPoses& objects() const { return objects_; }
   const Frames& frames() {
     frames_.take();
     return frames_.value();

@@ -18,10 +18,10 @@
 // Without contact the integral is no larger than what is still felt, so that it drives no free axis.
 namespace multipanda {
 
-// What differs between forces and moments.
+// Differences between forces and moments.
 struct AxisKind {
   double least;        // below it, F_d has no direction [N, N m]
-  double loss;         // way beyond the last contact after which it is lost [m, rad]
+  double loss;         // distance beyond the last contact at which contact counts as lost [m, rad]
   double pulls_up_to;  // below it f may act against F_d, fading: a tool cannot pull on a surface [N, N m]
   double most;         // f keeps to it against F_d, and to it + 2 |F_d| along F_d, whatever the room [N, N m]
 };
@@ -42,9 +42,9 @@ struct AxisState {
   double desired = 0, estimated = 0;  // F_d, F_hat [N, N m]
   double speed = 0;                   // of the arm along it [m/s, rad/s]
   double stiffness = 0;               // K_c along it [N/m, N m/rad]
-  double room = 0;                    // what f and `pull` may reach together [N, N m]
+  double room = 0;                    // bound on f and `pull` together [N, N m]
   double pull = 0;                    // along it, of the impedance, which fades out
-  // What f may reach without a reaction that is felt, and the speed up to which a reaction counts.
+  // Largest f without a measured reaction, and the speed up to which a reaction counts.
   double unfelt = std::numeric_limits<double>::infinity();  // [N, N m]
   double slow = std::numeric_limits<double>::infinity();    // [m/s, rad/s]
 };
@@ -56,9 +56,9 @@ class AxisForce {
   void select(bool selected, double dt);
   double weight() const { return selection_.value(); }  // sigma
   bool selected() const { return selected_; }
-  // Whether the impedance has left it altogether.
+  // Whether the impedance has completely left the axis.
   bool full() const { return weight() >= 1; }
-  // Whether it has no force, and has had none since.
+  // Whether its force is zero and has been since.
   bool idle() const { return weight() <= 0; }
 
   // f, after select() of the same tick.
@@ -67,7 +67,7 @@ class AxisForce {
 
  private:
   void update_contact(const AxisSettings& settings, const AxisState& now, int sign, double dt);
-  void rest();  // as unselected: the next selection starts again, except for what the estimate shows
+  void rest();  // deselects: the next selection starts again, except for the contact state
 
   static constexpr double kBearing = 0.5, kGivingWay = 0.02;  // borne_ from one end to the other [s]
 
@@ -76,7 +76,7 @@ class AxisForce {
   ForceLoop loop_;
   double free_ = 0;  // f_0
   double gamma_ = 1;
-  double beyond_ = 0;  // way along F_d since the last contact
+  double beyond_ = 0;  // distance along F_d since the last contact
   double pushed_ = 0;  // f of the last tick, without sigma
   double borne_ = 0;   // share of the reaction that counts: of an axis that withstands half of `unfelt`
   int sign_ = 0;       // of F_d when it last had a direction

@@ -4,10 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/cartesian_impedance.hpp"
-#include "core/controllets/coupled_dual_cartesian_impedance.hpp"
-#include "core/controllets/dual_cartesian_impedance.hpp"
-#include "core/controllets/joint_impedance.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
 #include "core/testing/plain_arm.hpp"

@@ -1,12 +1,18 @@
-#include "core/controllets/cartesian_impedance.hpp"
-
 #include <algorithm>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/cartesian_law.hpp"
 
 namespace multipanda {
 namespace {
 
+// Cartesian impedance of one arm: the end effector is a spring and damper about its set-point, with a soft
+// posture in the null space.
+//   tau = J^T (K_c x~ + D_c (V_d - J dq) + Lambda A_d) + N (K_N (q_N - q) - D_N N^T dq) + C dq
+// Closed loop (exact model, regular pose, dynamic projector): Lambda ddx~ + D_c dx~ + K_c x~ = -F_ext up to
+// Lambda dJ dq, so a force F_ext at rest deflects E by K_c^-1 F_ext. World axes, linear first; K_c [N/m, N
+// m/rad], D_c [N s/m, N m s/rad]. Details: core/controllets/cartesian_law.hpp,
+// docs/controllets/impedance.md.
 class CartesianImpedance final : public Controllet {
  public:
   static ControlletDescriptor descriptor() {
@@ -60,10 +66,10 @@ class CartesianImpedance final : public Controllet {
   enum Parameter : std::size_t { kPosture = kCartesianParameterCount, kGivenPosture, kParameterCount };
   enum Posture : std::size_t { kAtStart, kHome, kGiven };
 
-  // The null-space posture follows its choice no faster than this, so that a new choice causes no step.
+  // Speed limit of the null-space posture, so that a new choice causes no step.
   static constexpr double kPostureSpeed = 0.5;  // [rad/s], [m/s]
 
-  // A carriage is no faster than a hand may be: it may meet a person while the hand rests.
+  // A carriage may meet a person while the hand rests, so it is limited like a hand.
   static JointVector posture_speed(const ArmModel& model, const ContactBounds& contact) {
     JointVector speed = joint_constant(model.joint_count(), kPostureSpeed);
     for (std::size_t i = 0; i < model.joint_count(); ++i) {

@@ -1,7 +1,6 @@
-#include "core/controllets/cartesian_impedance.hpp"
-
 #include <gtest/gtest.h>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/cartesian_law.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
@@ -325,6 +324,41 @@ TEST(CartesianImpedance, PostureIsApproachedWithoutAStep) {
   const TaskSpace& task = bench.rig.terms(0).task();
   const JointVector expected = task.null_space_torque(bench.rig.terms(0).J_V_WE(), -10.0 * bent(7));
   EXPECT_NEAR((before - expected).norm(), 0, 1e-9);
+}
+
+// A hand whose rotations have no stiffness: a goal that turns it moves nothing, and what turns is braked.
+TEST(CartesianImpedance, AxesWithoutStiffnessAreBrakedAndNotLed) {
+  Draw draw(58);
+  for (const bool given : {false, true}) {
+    Bench bench(7, draw.pose(1));
+    bench.stiffness(Vector3(300, 400, 500), Vector3::Zero());
+    bench.rig.set("nullspace_stiffness_nm_per_rad", {0});
+    bench.rig.set("damping_design", {given ? 1.0 : 0.0});
+    bench.rig.set("rotational_damping_nm_s_per_rad", {0});
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    Reference& pose = bench.rig.input("pose");
+    Pose goal = pose.pose();
+    goal.rotation = exp_rotation({0.4, -0.3, 0.5}) * goal.rotation;
+    pose.set(pose_target(goal, 1));
+    for (int k = 0; k < 300; ++k) {
+      ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+      EXPECT_LT((bench.rig.tau(0) - bench.rig.terms(0).c()).norm(), 1e-9)
+          << "an arm at rest where it shall be";
+    }
+    EXPECT_GT(pose.acceleration().angular().norm(), 0.1);
+    // A motion that turns the hand about where it is: only the brake acts, -2 1/s J^T Lambda V.
+    const JointVector q = bent(7);
+    const MatrixXd J = bench.plain.jacobian(q), Lambda = task_inertia(J, bench.plain.mass(q));
+    VectorXd V = VectorXd::Zero(6);
+    V.tail<3>() = Vector3(0.5, 0.2, -0.4);
+    const VectorXd dq = J.transpose() * inverse(MatrixXd(J * J.transpose())) * V;
+    bench.rig.place(0, q, dq);
+    ASSERT_EQ(bench.rig.update(), LawResult::ok);
+    MatrixXd braked = MatrixXd::Zero(6, 6);
+    braked.bottomRightCorner(3, 3) = 2 * Lambda.bottomRightCorner(3, 3);
+    const double power = VectorXd(bench.rig.tau(0) - bench.rig.terms(0).c()).dot(dq);
+    EXPECT_LT(power, -0.99 * V.dot(braked * V));
+  }
 }
 
 }  // namespace

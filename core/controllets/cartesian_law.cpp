@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/controllets/carriage.hpp"
+#include "core/controllets/contact_bounds.hpp"
 #include "core/model/prismatic_joints.hpp"
 #include "core/types/triangular.hpp"
 
@@ -11,15 +11,14 @@ namespace multipanda {
 
 namespace {
 
-// Links and motors, those that M contains already counted once.
-JointMatrix mass_with_motors(ModelTerms& terms) {
-  JointMatrix M = terms.M();
-  const JointVector& motors = terms.model().motor_inertia();
-  const JointVector& known = terms.model().known_motor_inertia();
-  if (motors.size() != M.rows()) return M;
-  M.diagonal() += motors;
-  if (known.size() == M.rows()) M.diagonal() -= known;
-  return M;
+Matrix3 axes_of(const ImpedanceGains& gains, const Matrix3& R_W_d) {
+  return gains.axes == StiffnessAxes::end_effector ? R_W_d : Matrix3(Matrix3::Identity());
+}
+
+TaskSpace task_with_motors(ModelTerms& terms) {
+  TaskSpace task;
+  compute_task_space(terms.J_V_WE(), mass_with_motors(terms), task);
+  return task;
 }
 
 }  // namespace
@@ -32,29 +31,101 @@ TaskStiffness ImpedanceGains::stiffness(const Matrix3& R_W_d) const {
 }
 
 Matrix6 ImpedanceGains::given_damping(const Matrix3& R_W_d) const {
-  const Matrix3 R = axes == StiffnessAxes::end_effector ? R_W_d : Matrix3(Matrix3::Identity());
-  return TaskStiffness::along(R, translational_damping.cwiseMax(kLeastDampingTime * translational_stiffness),
+  return TaskStiffness::along(axes_of(*this, R_W_d),
+                              translational_damping.cwiseMax(kLeastDampingTime * translational_stiffness),
                               rotational_damping.cwiseMax(kLeastDampingTime * rotational_stiffness))
       .matrix();
 }
 
+// The squared modes are the eigenvalues of A K, A the mobility along the axes of the diagonal K: none is
+// larger than the root of the sum of their squares, k^T (A o A) k. Where that is too much, the axes whose own
+// mode a_ii k_i is above a common bound are softened to it.
+double ImpedanceGains::soften(const Matrix3& R_W_d, ModelTerms& terms) {
+  constexpr double kMost = kFastestMode * kFastestMode;
+  Vector6 K;
+  K << translational_stiffness, rotational_stiffness;
+  Matrix6 A = terms.task().mobility;
+  const auto along_axes = [&] {
+    if (axes == StiffnessAxes::world) return;
+    for (const Eigen::Index i : {0, 3}) {
+      A.middleCols<3>(i) = (A.middleCols<3>(i) * R_W_d).eval();
+      A.middleRows<3>(i) = (R_W_d.transpose() * A.middleRows<3>(i)).eval();
+    }
+  };
+  const auto fits = [&](const Vector6& k) { return !(k.dot(A.cwiseAbs2() * k) > kMost * kMost); };
+  along_axes();
+  if (fits(K)) return 1;
+  if (states_motors(terms.model())) {
+    A = task_with_motors(terms).mobility;
+    along_axes();
+    if (fits(K)) return 1;
+  }
+  const Vector6 own = A.diagonal().cwiseMax(1e-12);
+  const auto softened = [&](double bound) { return Vector6(K.cwiseMin(bound * own.cwiseInverse())); };
+  double low = 0, high = own.cwiseProduct(K).maxCoeff();
+  for (int i = 0; i < 40; ++i) {
+    const double middle = 0.5 * (low + high);
+    (fits(softened(middle)) ? low : high) = middle;
+  }
+  const Vector6 kept = softened(low);
+  const double share = low / own.cwiseProduct(K).maxCoeff();
+  translational_stiffness = kept.head<3>();
+  rotational_stiffness = kept.tail<3>();
+  return share;
+}
+
+Matrix6 ImpedanceGains::coasting(const Matrix3& R_W_d) const {
+  const auto none = [](const Vector3& stiffness, double whole) {
+    return Vector3(Vector3::Ones() - (stiffness / whole).cwiseMin(1.0));
+  };
+  return TaskStiffness::along(axes_of(*this, R_W_d), none(translational_stiffness, kLedFrom),
+                              none(rotational_stiffness, kTurnedFrom))
+      .matrix();
+}
+
+CartesianTarget ImpedanceGains::led(CartesianTarget target) const {
+  if (leads()) return target;
+  const Matrix6 coasts = coasting(target.X_W_d.rotation);
+  for (Vector6* motion : {&target.V_d.vector, &target.A_d.vector}) *motion -= Vector6(coasts * *motion);
+  return target;
+}
+
+Matrix6 ImpedanceGains::brake(const Matrix3& R_W_d, const Matrix6& inertia) const {
+  if (leads()) return Matrix6::Zero();
+  const Matrix6 coasts = coasting(R_W_d);
+  return kBrake * (coasts * inertia * coasts);
+}
+
 Matrix6 ImpedanceGains::damping(const Matrix3& R_W_d, const Matrix6& K, ModelTerms& terms) const {
-  if (damping_given) return limited_damping(damped_inertia(terms), given_damping(R_W_d));
-  return task_damping(terms.task().Lambda, K, damping_ratio);
+  Matrix6 D;
+  if (damping_given) {
+    D = given_damping(R_W_d);
+    limit_modes(damped_inertia(terms), kLargestModalDamping, D);
+  } else {
+    D = task_damping(terms.task().Lambda, K, damping_ratio);
+    if (states_motors(terms.model())) raise_modes(terms.task().Lambda, Matrix6(kLeastDampingTime * K), D);
+  }
+  if (!leads()) {
+    D += brake(R_W_d, terms.task().Lambda);
+    limit_modes(damped_inertia(terms), kLargestModalDamping, D);
+  }
+  return D;
 }
 
 Matrix6 damped_inertia(ModelTerms& terms) {
-  if (terms.model().motor_inertia().size() != terms.M().rows()) return terms.task().Lambda;
-  TaskSpace task;
-  compute_task_space(terms.J_V_WE(), mass_with_motors(terms), task);
-  return task.Lambda;
+  if (!states_motors(terms.model())) return terms.task().Lambda;
+  return task_with_motors(terms).Lambda;
 }
 
-TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& target, ModelTerms& terms) {
+TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms) {
+  ImpedanceGains gains = asked;
+  const double stiffness_share = gains.soften(requested.X_W_d.rotation, terms);
+  const CartesianTarget target = gains.led(requested);
   const Vector6& V = terms.V_WE().vector;
   const TaskStiffness K = gains.stiffness(target.X_W_d.rotation);
   const Matrix6 D = gains.damping(target.X_W_d.rotation, K.matrix(), terms);
   TaskForce force;
+  force.stiffness_share = stiffness_share;
   force.error = pose_error(target.X_W_d, terms.X_WE());
   force.spring = spring_wrench(K, force.error);
   force.total = force.spring;
@@ -79,6 +150,20 @@ TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& ta
 
 namespace {
 
+JointMatrix given_null_space_damping(const NullSpaceGains& gains, OwnedArm& arm) {
+  const JointMatrix M = mass_with_motors(*arm.terms);
+  const double d = std::max(gains.damping, kLeastDampingTime * gains.stiffness);
+  JointMatrix D = d * JointMatrix::Identity(M.rows(), M.cols());
+  limit_modes(M, kLargestModalDamping, D);
+  return D;
+}
+
+// Factor on a damping of kLargestModalDamping times the inertia at most.
+double bearable_part(double damping, double inertia) {
+  const double most = kLargestModalDamping * inertia;
+  return damping > most ? most / damping : 1;
+}
+
 // Factor on a torque of the null space, with which the hand presses with a twentieth of the bounds at most,
 // and a carriage with all of them: it may stand in a person's way while the hand rests.
 double share_within(const ContactBounds& contact, const OwnedArm& arm, const TaskSpace& task,
@@ -91,34 +176,35 @@ double share_within(const ContactBounds& contact, const OwnedArm& arm, const Tas
                    1 / std::max(1.0, carriage)});
 }
 
-JointMatrix given_null_space_damping(const NullSpaceGains& gains, OwnedArm& arm) {
-  const JointMatrix M = mass_with_motors(*arm.terms);
-  const double d = std::max(gains.damping, kLeastDampingTime * gains.stiffness);
-  return limited_damping(M, JointMatrix(d * JointMatrix::Identity(M.rows(), M.cols())));
-}
-
 }  // namespace
 
 JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
                               double spring_share) {
   const Eigen::Index n = arm.q().size();
-  JointVector tau_null(n);
   const JointMatrix& M = arm.terms->M();
-  const JointVector stiffness = JointVector::Constant(n, gains.stiffness);
-  const JointVector D = diagonal_damping(M, stiffness, gains.damping_ratio);
+  // A self-motion that turns little but the wrist has hardly more inertia than one of its joints. Every arm
+  // bears kPosture, whether its model states rotors or not.
+  constexpr double kPosture = 10;  // [N m/rad]
+  const JointVector asked = JointVector::Constant(n, gains.stiffness);
+  const JointVector K =
+      asked.cwiseMin((kFastestMode * kFastestMode * arm.model().least_inertia()).cwiseMax(kPosture));
   JointMatrix D_given;
   if (gains.damping_given) D_given = given_null_space_damping(gains, arm);
+  JointVector D = diagonal_damping(M, asked, gains.damping_ratio).cwiseMax(kLeastDampingTime * K);
   const auto damped = [&](const JointVector& dq) -> JointVector {
     if (gains.damping_given) return D_given.lazyProduct(dq);
     return D.cwiseProduct(dq);
   };
-  const JointVector spring = spring_share * gains.stiffness * (q_N - arm.q());
+  const JointVector spring = (spring_share * K).cwiseProduct(q_N - arm.q());
   const Jacobian& J = arm.terms->J_V_WE();
   const TaskSpace& task = arm.terms->task();
   const bool bounded = std::isfinite(gains.contact.spring_force + gains.contact.spring_moment);
   if (gains.projector == Projector::dynamic) {
     const JointVector dq_null = gains.damping_of_joints ? arm.dq() : task.null_space_velocity(J, arm.dq());
-    const JointVector damping = damped(dq_null);
+    // One self-motion, that of seven joints, is a mode: its damping over its inertia.
+    const JointVector mode = gains.damping_of_joints ? task.null_space_velocity(J, dq_null) : dq_null;
+    const JointVector damping =
+        bearable_part(mode.dot(damped(mode)), mode.dot(JointVector(M.lazyProduct(mode)))) * damped(dq_null);
     if (!bounded || !(task.floored || has_prismatic_joints(arm.model())))
       return task.null_space_torque(J, JointVector(spring - damping));
     const JointVector drawn = task.null_space_torque(J, spring);
@@ -134,11 +220,19 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
     const Vector6 y = cholesky_solve(L, Vector6(J.lazyProduct(x)));
     return x - J.transpose().lazyProduct(y);
   };
-  const JointVector damping = damped(gains.damping_of_joints ? arm.dq() : project(arm.dq()));
-  if (!bounded) return project(spring - damping);
-  // Not consistent with the dynamics: in any pose, what the posture draws reaches the hand.
+  const auto damping_at = [&](const JointVector& dq) -> JointVector {
+    return project(damped(gains.damping_of_joints ? dq : project(dq)));
+  };
+  // Whatever moves, the damping acts along M^-1 n, n the one self-motion: its mode.
+  JointMatrix L_M;
+  cholesky_factor(M, L_M);
+  JointVector damping = damping_at(arm.dq());
+  const JointVector mode = cholesky_solve(L_M, damping);
+  damping *= bearable_part(cholesky_solve(L_M, damping_at(mode)).norm(), mode.norm());
+  if (!bounded) return project(spring) - damping;
+  // Not dynamically consistent: in any pose the posture's torque reaches the hand.
   const JointVector drawn = project(spring);
-  return share_within(gains.contact, arm, task, drawn) * drawn - project(damping);
+  return share_within(gains.contact, arm, task, drawn) * drawn - damping;
 }
 
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,
@@ -158,13 +252,14 @@ CartesianParameters cartesian_parameters() {
                                              .size = 3,
                                              .initial = {400, 400, 400},
                                              .max = 5000,
-                                             .doc = "Stiffness K_t along x, y, z."}),
+                                             .doc = "Stiffness K_t along x, y, z. Softened where the arm's "
+                                                    "inertia makes it faster than 150 rad/s."}),
       parameter_at<kRotationalStiffness>({.name = "rotational_stiffness_nm_per_rad",
                                           .unit = "N m/rad",
                                           .size = 3,
                                           .initial = {20, 20, 20},
                                           .max = 300,
-                                          .doc = "Stiffness K_r about x, y, z."}),
+                                          .doc = "Stiffness K_r about x, y, z, softened likewise."}),
       parameter_at<kCartesianDampingRatio>(
           {.name = "damping_ratio",
            .initial = {1.0},
@@ -181,7 +276,9 @@ CartesianParameters cartesian_parameters() {
            .unit = "N m/rad",
            .initial = {10.0},
            .max = 200,
-           .doc = "Stiffness K_N of every joint towards the null-space posture."}),
+           .doc =
+               "Stiffness K_N of every joint towards the null-space posture; above 10 at most (150 rad/s)^2 "
+               "times the joint's least inertia."}),
       parameter_at<kProjector>(choice_parameter("projector",
                                                 {"dynamic", "paper_pseudoinverse", "damped_pseudoinverse"},
                                                 "Null-space projector: dynamically consistent, the "
@@ -255,6 +352,10 @@ Preset reference_preset() {
                      {"nullspace_damping_of", {1}}}};
 }
 
+Vector6 wrench_about_E(const OwnedArm& arm) {
+  return shifted(arm.state->F_K_W_est, arm.terms->X_WK().position - arm.terms->X_WE().position).vector;
+}
+
 ImpedanceGains impedance_gains(const ParameterSet& parameters, const ContactBounds& contact) {
   return {parameters.vector3(kTranslationalStiffness),
           parameters.vector3(kRotationalStiffness),
@@ -284,12 +385,14 @@ CartesianOutputs cartesian_outputs(const std::string& prefix) {
       output_at<0, 3>(prefix + "position_error_m", "p_d - p, world axes."),
       output_at<3, 3>(prefix + "orientation_error_rad", "log(R_d R^T), world axes."),
       output_at<6, 3>(prefix + "force_n", "Force commanded at E, world axes."),
-      output_at<9, 3>(prefix + "moment_nm", "Moment commanded at E, world axes."))};
+      output_at<9, 3>(prefix + "moment_nm", "Moment commanded at E, world axes."),
+      output_at<12>(prefix + "stiffness_share", kStiffnessShareDoc))};
 }
 
 void show(const TaskForce& force, std::span<double> outputs) {
   std::copy_n(force.error.data(), 6, outputs.begin());
   std::copy_n(force.total.data(), 6, outputs.begin() + 6);
+  outputs[12] = force.stiffness_share;
 }
 
 }  // namespace multipanda

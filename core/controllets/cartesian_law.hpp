@@ -22,6 +22,15 @@ enum class StiffnessAxes : std::uint8_t {
                 // potential
 };
 
+struct CartesianTarget {
+  Pose X_W_d;
+  Twist V_d, A_d;  // of the set-point, world axes
+
+  static CartesianTarget of(const Reference& pose) {
+    return {pose.pose(), pose.twist(), pose.acceleration()};
+  }
+};
+
 struct ImpedanceGains {
   Vector3 translational_stiffness;  // [N/m]
   Vector3 rotational_stiffness;     // [N m/rad]
@@ -36,10 +45,27 @@ struct ImpedanceGains {
   bool coriolis_feedforward = false;                // C_c V_d
 
   TaskStiffness stiffness(const Matrix3& R_W_d) const;  // world axes, for the set-point's orientation
+  // Lowers the stiffnesses of the axes with the fastest modes at E, motors that the model states included,
+  // until none is faster than kFastestMode. Returns the smallest share that remains.
+  double soften(const Matrix3& R_W_d, ModelTerms& terms);
+  // Whether every axis has the stiffness to bring the hand back.
+  bool leads() const {
+    return translational_stiffness.minCoeff() >= kLedFrom && rotational_stiffness.minCoeff() >= kTurnedFrom;
+  }
+  // Without velocity and acceleration along axes that have no stiffness to bring the hand back.
+  CartesianTarget led(CartesianTarget target) const;
+  // The damping of those axes for an inertia (6 x 6): kBrake times that.
+  Matrix6 brake(const Matrix3& R_W_d, const Matrix6& inertia) const;
   // D_c at E, world axes, for the stiffness K (6 x 6): designed, or given within what the inertia bears.
   Matrix6 damping(const Matrix3& R_W_d, const Matrix6& K, ModelTerms& terms) const;
   Matrix6 given_damping(const Matrix3& R_W_d) const;  // kLeastDampingTime K at least; not limited above
+
+ private:
+  Matrix6 coasting(const Matrix3& R_W_d) const;  // the projector on axes without stiffness (6 x 6)
 };
+
+// The estimated wrench that the arm exerts, about E, in world axes [N, N m]: the arm's state has it about K.
+Vector6 wrench_about_E(const OwnedArm& arm);
 
 // The inertia (6 x 6) at E that a given damping acts on: Lambda, with the motors that the model states.
 Matrix6 damped_inertia(ModelTerms& terms);
@@ -54,15 +80,6 @@ struct NullSpaceGains {
   bool damping_of_joints = false;  // -N D_N dq, as printed, in place of -N D_N N^T dq
 };
 
-struct CartesianTarget {
-  Pose X_W_d;
-  Twist V_d, A_d;  // of the set-point, world axes
-
-  static CartesianTarget of(const Reference& pose) {
-    return {pose.pose(), pose.twist(), pose.acceleration()};
-  }
-};
-
 // Forces of the law on one frame: world axes, at the origin of the frame.
 struct TaskForce {
   Vector6 error;                   // pose_error(X_d, X)
@@ -71,23 +88,25 @@ struct TaskForce {
   Vector6 pull = Vector6::Zero();  // total without damping, before the bounds
   Vector6 damping;                 // D V
   BoundedPull bounded;
+  double stiffness_share = 1;  // ImpedanceGains::soften
 
-  // Tells the reference of this hand's set-point.
+  // Reports this hand's pull to its reference.
   void report(Reference& reference) const {
     reference.resist(pull, bounded.force_share, bounded.moment_share);
   }
 };
 
-// K_c x~ + D_c (V_d - V) + Lambda A_d [+ C_c V_d]; with DampingOf::velocity -D_c V.
-TaskForce impedance_force(const ImpedanceGains& gains, const CartesianTarget& target, ModelTerms& terms);
+// K_c x~ + D_c (V_d - V) + Lambda A_d [+ C_c V_d]; with DampingOf::velocity -D_c V. Of `asked`, what the arm
+// bears (damping_design.hpp).
+TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms);
 
 // tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M) or given. With N^T, the damping is
 // dissipative for any projector; -D_N dq inside N is not, unless N is symmetric and D_N the same for all
-// joints. Bounded in singular poses: the eigenvalues of N
-// stay within [0, 1]. Near a singular pose, the dynamic projector leaves a part of the spring that presses
-// with the hand (TaskSpace::press); within bounds for contact, the spring is scaled down until that is a
-// twentieth of theirs, and until it draws no prismatic joint with more than they allow a hand. `spring_share`
-// scales the spring only; D_N is designed for the full spring.
+// joints. K_N and D_N are what the self-motion bears (damping_design.hpp). Bounded in singular poses: the
+// eigenvalues of N stay within [0, 1]. Near a singular pose, the dynamic projector leaves a part of the
+// spring that presses with the hand (TaskSpace::press); within bounds for contact, the spring is scaled down
+// until that is a twentieth of theirs, and until it draws no prismatic joint with more than they allow a
+// hand. `spring_share` scales the spring only; D_N is designed for the full spring.
 JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
                               double spring_share = 1);
 
@@ -96,7 +115,7 @@ LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGa
                                   const CartesianTarget& target, OwnedArm& arm, const JointVector& q_N,
                                   TaskForce& force);
 
-// --- descriptor parts that Cartesian controllets share ---
+// --- descriptor parts shared by Cartesian controllets ---
 enum CartesianParameter : std::size_t {
   kTranslationalStiffness,
   kRotationalStiffness,
@@ -125,8 +144,8 @@ ImpedanceGains impedance_gains(const ParameterSet& parameters,
                                const ContactBounds& contact = ContactBounds::lifted());
 NullSpaceGains null_space_gains(const ParameterSet& parameters, const ContactBounds& contact);
 
-// Outputs of one arm: error 3 + 3, wrench 3 + 3; `prefix` is "" or "first_".
-inline constexpr std::size_t kCartesianOutputSize = 12;
+// Outputs of one arm: error 3 + 3, wrench 3 + 3, share of the stiffness; `prefix` is "" or "first_".
+inline constexpr std::size_t kCartesianOutputSize = 13;
 using CartesianOutputs = SpecsAt<OutputSpec, 0, kCartesianOutputSize>;
 CartesianOutputs cartesian_outputs(const std::string& prefix = "");
 void show(const TaskForce& force, std::span<double> outputs);

@@ -23,7 +23,7 @@ double along(const Vector3& direction, double size, const Vector3& x) {
   return size > 0 ? std::max(0.0, direction.dot(x) / size) : 0;
 }
 
-// The greatest force along a pull.
+// The largest allowed force along a pull.
 double greatest_force(const ContactBounds& bounds, const Vector3& pull, double size, const Vector3& damping,
                       const Vector3& v) {
   const double speed = along(pull, size, v), opposing = along(pull, size, damping);
@@ -76,6 +76,25 @@ double largest_share(const Vector3& base, const Vector3& extra, double limit) {
 
 double left_beside(const Vector3& across, double limit) {
   return std::sqrt(std::max(0.0, limit * limit - across.squaredNorm()));
+}
+
+double carriage_share(const ContactBounds& bounds, const ArmModel& model, const JointVector& pull,
+                      const JointVector& damping, const JointVector& dq) {
+  double most = 0;
+  for (std::size_t i = 0; i < model.joint_count(); ++i) {
+    if (!model.is_prismatic(i)) continue;
+    const auto k = static_cast<Eigen::Index>(i);
+    Vector6 along = Vector6::Zero(), damps = Vector6::Zero();
+    along[0] = pull[k];
+    damps[0] = damping[k];
+    most = std::max(most, bound_pull(bounds, along, damps, dq[k] * Vector3::UnitX()).force_share);
+  }
+  return most;
+}
+
+double carriage_strain(const ContactBounds& bounds, const ArmModel& model, const JointVector& spring) {
+  const JointVector none = JointVector::Zero(spring.size());
+  return carriage_share(tighter(bounds, {}), model, spring, none, none);
 }
 
 }  // namespace multipanda

@@ -2,6 +2,7 @@
 
 #include <limits>
 
+#include "core/model/arm_model.hpp"
 #include "core/types/spatial.hpp"
 
 // Bounds for an arm beside a person: on the speed of its hand and on what its set-point pulls with. They are
@@ -41,7 +42,7 @@ struct BoundedPull {
 BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const Vector6& damping,
                        const Vector3& v);
 
-// The force that those bounds leave a hand that already moves at `speed` along it [m/s], damping aside [N].
+// The bound on the force for a hand that already moves at `speed` along it [m/s], without damping [N].
 double force_at_speed(const ContactBounds& bounds, double speed);
 
 // Strain: the pull of springs between set-point and arm (6 x 1) [N, N m], over what the bounds allow; over
@@ -51,7 +52,20 @@ double strain_of(const Vector6& spring, const ContactBounds& bounds);
 // The largest c in [0, 1] with |base + c extra| <= limit, for |base| <= limit.
 double largest_share(const Vector3& base, const Vector3& extra, double limit);
 
-// The largest component at a right angle to `across` with which the sum keeps to the limit.
+// The largest component perpendicular to `across` for which the sum respects the limit.
 double left_beside(const Vector3& across, double limit);
+
+// What a prismatic joint moves, a carriage, may meet a person as a hand does: the bounds for contact hold for
+// the joint's own force as well. An arm without prismatic joints has no such share. For the loop's thread,
+// without allocation.
+//
+// The largest share that the pulls `pull` of prismatic joints (n x 1) take of what bound_pull() allows along
+// their axes: above 1, too much. `damping` is D dq (n x 1), which a pull may overcome on its way. A carriage
+// that stands, for whatever reason, is then pushed with spring_force at most.
+double carriage_share(const ContactBounds& bounds, const ArmModel& model, const JointVector& pull,
+                      const JointVector& damping, const JointVector& dq);
+
+// The same for a spring, as strain_of().
+double carriage_strain(const ContactBounds& bounds, const ArmModel& model, const JointVector& spring);
 
 }  // namespace multipanda

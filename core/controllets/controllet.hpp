@@ -35,11 +35,11 @@ struct ControlContext {
   std::span<Reference> inputs;  // in the order of ControlletDescriptor::inputs, advanced to this cycle
   const ParameterSet* parameters = nullptr;
   std::span<double> outputs;  // ControlletDescriptor::outputs, concatenated in order
-  // All arms of the scene, in order, for reading only: tau is nullptr.
+  // All arms of the scene, in order, for reading only. tau: of own arms what the law does, else nullptr.
   std::span<OwnedArm> scene_arms = {};
-  // What a law that draws a hand to a set-point keeps to (bound_pull), reporting it by Reference::resist.
+  // Bounds for laws that pull a hand to a set-point (bound_pull), reported by Reference::resist.
   ContactBounds contact = ContactBounds::lifted();
-  bool stopped = false;  // of a hold: its arm was stopped, and is to stay where it is until it is resumed
+  bool stopped = false;  // of a hold: its arm was stopped and must not move until resumed
   // The arms that it observes, in order, for reading only: tau is nullptr. Their newest states, which may be
   // older than this cycle (ArmState::age_s).
   std::span<OwnedArm> observed = {};
@@ -71,7 +71,7 @@ class Controllet {
   // keeps itself.
   virtual void end_effector_moved(ControlContext& context, std::size_t arm, const Pose& X);
 
-  // Lowers upper bounds of parameters to what these arms bear. Before the loop, once.
+  // Lowers upper bounds of parameters to the limits of these arms. Before the loop, once.
   virtual void bound_parameters(ParameterSet& /*parameters*/) const {}
 };
 

@@ -1,5 +1,7 @@
 #include "core/controllets/cooperative_frame.hpp"
 
+#include <algorithm>
+
 #include <Eigen/LU>
 
 #include "core/controllets/cartesian_law.hpp"
@@ -67,7 +69,61 @@ Matrix12 given_damping(const CooperativeFrame& frame, OwnedArm& first, OwnedArm&
   Matrix12 D = Matrix12::Zero();
   D.topLeftCorner<6, 6>() = absolute;
   D.bottomRightCorner<6, 6>() = relative;
-  return limited_damping(frame.inertia(damped_inertia(*first.terms), damped_inertia(*second.terms)), D);
+  limit_modes(frame.inertia(damped_inertia(*first.terms), damped_inertia(*second.terms)),
+              kLargestModalDamping, D);
+  return D;
+}
+
+double soften(const CooperativeFrame& frame, OwnedArm& first, OwnedArm& second, const Matrix3& R_d,
+              const Matrix12& Lambda, ImpedanceGains& absolute, ImpedanceGains& relative) {
+  Matrix12 K = Matrix12::Zero(), L;
+  K.topLeftCorner<6, 6>() = absolute.stiffness(R_d).matrix();
+  K.bottomRightCorner<6, 6>() = relative.stiffness(R_d).matrix();
+  constexpr double kMost = 200.0 * 200.0;  // [1/s^2]
+  if (cholesky_factor<Matrix12>(kMost * Lambda - K, L)) return 1;
+  const Matrix12 whole = frame.inertia(damped_inertia(*first.terms), damped_inertia(*second.terms));
+  const double share = std::min(1.0, kMost / CoupledModes<Matrix12>(whole, K).k.maxCoeff());
+  for (ImpedanceGains* gains : {&absolute, &relative}) {
+    gains->translational_stiffness *= share;
+    gains->rotational_stiffness *= share;
+  }
+  return share;
+}
+
+void brake(const Matrix3& R_d, const ImpedanceGains& absolute, const ImpedanceGains& relative,
+           const Matrix12& Lambda, Matrix12& D) {
+  if (absolute.leads() && relative.leads()) return;
+  D.topLeftCorner<6, 6>() += absolute.brake(R_d, Lambda.topLeftCorner<6, 6>());
+  D.bottomRightCorner<6, 6>() += relative.brake(R_d, Lambda.bottomRightCorner<6, 6>());
+  limit_modes(Lambda, kLargestModalDamping, D);
+}
+
+InputSpec shared_frame_input() {
+  return {
+      .name = "pose",
+      .quantity = Quantity::pose,
+      .arm = 0,
+      .doc =
+          "Set-point X_WA of the shared frame A, world frame; begins midway between the hands, with the axes "
+          "of the world."};
+}
+
+ParameterSpec relative_translational_stiffness_parameter() {
+  return {.name = "relative_translational_stiffness_n_per_m",
+          .unit = "N/m",
+          .size = 3,
+          .initial = {400, 400, 400},
+          .max = 5000,
+          .doc = "Stiffness between the hands along x, y, z; none along a squeeze that holds an object."};
+}
+
+ParameterSpec relative_rotational_stiffness_parameter() {
+  return {.name = "relative_rotational_stiffness_nm_per_rad",
+          .unit = "N m/rad",
+          .size = 3,
+          .initial = {20, 20, 20},
+          .max = 300,
+          .doc = "Stiffness between the hands about x, y, z."};
 }
 
 ParameterSpec relative_translational_damping_parameter() {
@@ -86,6 +142,15 @@ ParameterSpec relative_rotational_damping_parameter() {
           .initial = {7.2, 7.2, 7.2},
           .max = 100,
           .doc = "The same about x, y, z."};
+}
+
+Preset coupled_paper_preset(std::vector<Preset::Value> more) {
+  std::vector<Preset::Value> values{{"translational_stiffness_n_per_m", {200, 200, 100}},  // of A: both arms
+                                    {"rotational_stiffness_nm_per_rad", {20}},
+                                    {"relative_translational_stiffness_n_per_m", {50, 50, 25}},
+                                    {"relative_rotational_stiffness_nm_per_rad", {5}}};
+  values.insert(values.end(), more.begin(), more.end());
+  return paper_preset(std::move(values));
 }
 
 }  // namespace multipanda

@@ -5,6 +5,8 @@
 
 namespace multipanda {
 
+struct ImpedanceGains;
+
 // Cooperative coordinates of two hands that share a frame A. Each hand E_i carries A at a fixed offset
 // X_EiA, so both have an estimate X_WA_i = X_WEi X_EiA of it. With phi = log(R_2 R_1^T):
 //   absolute pose   p_a = (p_1 + p_2) / 2,   R_a = exp(phi / 2) R_1     (geodesic mean)
@@ -53,7 +55,25 @@ struct CooperativeFrame {
 // both hands bears, motors included.
 Matrix12 given_damping(const CooperativeFrame& frame, OwnedArm& first, OwnedArm& second,
                        const Matrix6& absolute, const Matrix6& relative);
+
+// Softens the springs of A and between the hands, all by one factor, until no mode of the inertia of both
+// hands, `Lambda` (12 x 12) with the motors that the models state, is faster than 200 rad/s: hands far apart
+// turn a light wrist on a long lever, faster than kFastestMode with usual gains. Behind motors of 50 Hz and
+// one period such a mode decays. Returns the factor. `R_d`: axes of the set-point.
+double soften(const CooperativeFrame& frame, OwnedArm& first, OwnedArm& second, const Matrix3& R_d,
+              const Matrix12& Lambda, ImpedanceGains& absolute, ImpedanceGains& relative);
+
+// Adds ImpedanceGains::brake() of both to D (12 x 12), within what the inertia bears.
+void brake(const Matrix3& R_d, const ImpedanceGains& absolute, const ImpedanceGains& relative,
+           const Matrix12& Lambda, Matrix12& D);
+
+// --- descriptor parts shared by laws of two coupled hands ---
+InputSpec shared_frame_input();  // X_WA
+ParameterSpec relative_translational_stiffness_parameter();
+ParameterSpec relative_rotational_stiffness_parameter();
 ParameterSpec relative_translational_damping_parameter();
 ParameterSpec relative_rotational_damping_parameter();
+// The impedance as the paper prints it, of A and between the hands; `more` is appended.
+Preset coupled_paper_preset(std::vector<Preset::Value> more = {});
 
 }  // namespace multipanda

@@ -1,9 +1,8 @@
-#include "core/controllets/coupled_dual_cartesian_impedance.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/cooperative_frame.hpp"
 #include "core/controllets/damping_design.hpp"
@@ -12,6 +11,14 @@
 namespace multipanda {
 namespace {
 
+// CDC: two hands move one shared frame A and keep their relative pose, as two impedances in the cooperative
+// coordinates of core/controllets/cooperative_frame.hpp:
+//   [F_1; F_2] = L^T [F_a; F_r],   tau_i = J_i^T F_i + tau_null,i + C_i dq_i
+//   [F_a; F_r] = [K_a x~_a; K_r x~_r] + D ([V_a; V_r]_d - [V_a; V_r]) + Lambda [A_a,d; 0]
+// with D (12 x 12) designed for the coupled inertia Lambda = L^-T diag(Lambda_1, Lambda_2) L^-1.
+// Closed loop at rest: a wrench F on A moves it by K_a^-1 F, a squeeze F_r changes the relative pose by
+// K_r^-1 F_r. World axes, linear first; K [N/m, N m/rad]. A begins midway between the hands, with the axes of
+// the world; the offsets X_EiA are captured there.
 class CoupledDualCartesianImpedance final : public Controllet {
  public:
   static ControlletDescriptor descriptor() {
@@ -21,26 +28,11 @@ class CoupledDualCartesianImpedance final : public Controllet {
         .arms = 2,
         .moving_base = true,
         .wrench_at_hand = true,
-        .inputs = spec_table<kInputCount>(input_at<kPose>(
-            {.name = "pose",
-             .quantity = Quantity::pose,
-             .arm = 0,
-             .doc = "Set-point X_WA of the shared frame A, world frame; begins midway between "
-                    "the hands, with the axes of the world."})),
+        .inputs = spec_table<kInputCount>(input_at<kPose>(shared_frame_input())),
         .parameters = spec_table<kParameterCount>(
             cartesian_parameters(),
-            parameter_at<kRelativeTranslational>({.name = "relative_translational_stiffness_n_per_m",
-                                                  .unit = "N/m",
-                                                  .size = 3,
-                                                  .initial = {400, 400, 400},
-                                                  .max = 5000,
-                                                  .doc = "Stiffness between the hands along x, y, z."}),
-            parameter_at<kRelativeRotational>({.name = "relative_rotational_stiffness_nm_per_rad",
-                                               .unit = "N m/rad",
-                                               .size = 3,
-                                               .initial = {20, 20, 20},
-                                               .max = 300,
-                                               .doc = "Stiffness between the hands about x, y, z."}),
+            parameter_at<kRelativeTranslational>(relative_translational_stiffness_parameter()),
+            parameter_at<kRelativeRotational>(relative_rotational_stiffness_parameter()),
             parameter_at<kRelativeOffset>(
                 {.name = "relative_offset_m",
                  .unit = "m",
@@ -55,10 +47,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
             parameter_at<kRelativeRotationalDamping>(relative_rotational_damping_parameter())),
         .outputs = spec_table<2 * kCartesianOutputSize>(
             cartesian_outputs("absolute_"), group_at<kCartesianOutputSize>(cartesian_outputs("relative_"))),
-        .presets = {paper_preset({{"translational_stiffness_n_per_m", {200, 200, 100}},  // of A: both arms
-                                  {"rotational_stiffness_nm_per_rad", {20}},
-                                  {"relative_translational_stiffness_n_per_m", {50, 50, 25}},
-                                  {"relative_rotational_stiffness_nm_per_rad", {5}}})}};
+        .presets = {coupled_paper_preset()}};
   }
 
   void start_references(ControlContext& context) override {
@@ -90,15 +79,19 @@ class CoupledDualCartesianImpedance final : public Controllet {
 
     const Vector6& V_1 = first.terms->V_WE().vector;
     const Vector6& V_2 = second.terms->V_WE().vector;
-    const CartesianTarget target = CartesianTarget::of(context.inputs[kPose]);
-    const ImpedanceGains gains = impedance_gains(parameters, context.contact);
+    const Matrix3& R_d = context.inputs[kPose].pose().rotation;
+    ImpedanceGains gains = impedance_gains(parameters, context.contact);
     ImpedanceGains relative_gains = gains;
     relative_gains.translational_stiffness = parameters.vector3(kRelativeTranslational);
     relative_gains.rotational_stiffness = parameters.vector3(kRelativeRotational);
+    const Matrix12 Lambda = frame.inertia(first.terms->task().Lambda, second.terms->task().Lambda);
+    const double stiffness_share = soften(frame, first, second, R_d, Lambda, gains, relative_gains);
+    const CartesianTarget target = gains.led(CartesianTarget::of(context.inputs[kPose]));
     const TaskStiffness K_a = gains.stiffness(target.X_W_d.rotation);
     const TaskStiffness K_r = relative_gains.stiffness(target.X_W_d.rotation);
 
     TaskForce absolute, relative;
+    absolute.stiffness_share = relative.stiffness_share = stiffness_share;
     absolute.error = pose_error(target.X_W_d, frame.X_WA);
     absolute.spring = spring_wrench(K_a, absolute.error);
     offset_.advance(parameters.goal_vector3(kRelativeOffset), context.inputs[kPose].spec().max_speed,
@@ -109,7 +102,6 @@ class CoupledDualCartesianImpedance final : public Controllet {
     // Damping is designed for all twelve coordinates together: a rotation of A moves the whole inertia of
     // both hands if the relative stiffness is high, and little of it if it is low. Separate blocks ignore
     // this coupling.
-    const Matrix12 Lambda = frame.inertia(first.terms->task().Lambda, second.terms->task().Lambda);
     Matrix12 K = Matrix12::Zero();
     K.topLeftCorner<6, 6>() = K_a.matrix();
     K.bottomRightCorner<6, 6>() = K_r.matrix();
@@ -124,10 +116,12 @@ class CoupledDualCartesianImpedance final : public Controllet {
     }
     relative_gains.translational_damping = parameters.vector3(kRelativeTranslationalDamping);
     relative_gains.rotational_damping = parameters.vector3(kRelativeRotationalDamping);
-    const Matrix3& R_d = target.X_W_d.rotation;
-    const Matrix12 D = gains.damping_given ? given_damping(frame, first, second, gains.given_damping(R_d),
-                                                           relative_gains.given_damping(R_d))
-                                           : coupled_damping(Lambda, K, gains.damping_ratio);
+    Matrix12 D = gains.damping_given ? given_damping(frame, first, second, gains.given_damping(R_d),
+                                                     relative_gains.given_damping(R_d))
+                                     : coupled_damping(Lambda, K, gains.damping_ratio);
+    if (states_motors(first.model()) || states_motors(second.model()))
+      raise_modes(Lambda, Matrix12(kLeastDampingTime * K), D);
+    brake(R_d, gains, relative_gains, Lambda, D);
     Vector12 force = D * velocity_error;
     if (gains.acceleration_feedforward) force += Lambda.leftCols<6>() * target.A_d.vector;
     if (gains.coriolis_feedforward) {

@@ -1,7 +1,6 @@
-#include "core/controllets/coupled_dual_cartesian_impedance.hpp"
-
 #include <gtest/gtest.h>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/cooperative_frame.hpp"
 #include "core/controllets/task_spring.hpp"
 #include "core/testing/controllet_rig.hpp"
@@ -20,7 +19,13 @@ struct Bench {
              X * Pose{rotation_from_rpy({0, 0.2, -2.5}), Vector3(0.1, -0.4, 0)}},
         plain{PlainArm(TestArm::make(7), X_WB[0]), PlainArm(TestArm::make(6), X_WB[1])},
         rig(coupled_dual_cartesian_impedance_controllet(),
-            {TestArm::make(7).model(X_WB[0]), TestArm::make(6).model(X_WB[1])}) {}
+            {with_motors(7, X_WB[0]), with_motors(6, X_WB[1])}) {}
+  // That bear all gains as they are.
+  static std::shared_ptr<const ArmModel> with_motors(std::size_t joints, const Pose& X_WB) {
+    ArmModelSource source = TestArm::make(joints).source(X_WB);
+    source.motor_inertia = joint_constant(joints, 1);
+    return std::make_shared<const ArmModel>(std::move(source));
+  }
   void place(const JointVector& q_1, const JointVector& q_2) {
     rig.place(0, q_1, joint_constant(7, 0));
     rig.place(1, q_2, joint_constant(6, 0));

@@ -1,9 +1,9 @@
-#include "core/controllets/coupled_ufic.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/cooperative_frame.hpp"
 #include "core/controllets/coupled_ufic_descriptor.hpp"
 #include "core/controllets/damping_design.hpp"
@@ -28,7 +28,7 @@ struct Springs {
   Vector3 p_r_d = Vector3::Zero();          // p_2 - p_1
   Vector3 n = Vector3::UnitY();
   double scale = 1;   // s
-  double energy = 0;  // V at the tick's pose, not scaled [J]
+  double energy = 0;  // V at the tick's pose, unscaled [J]
 
   double energy_at(const CooperativeFrame& frame) const {
     const Vector3 e = p_r_d - frame.relative.head<3>();
@@ -49,9 +49,28 @@ struct Springs {
   }
 };
 
+// Unified force-impedance control of two hands that hold one object: the squeeze is force-controlled and the
+// motion of the object an impedance. Both use the cooperative coordinates of
+// core/controllets/cooperative_frame.hpp, with the estimates of A at the hands themselves (X_EiA is a
+// rotation): each hand then carries half of a force on A without a moment, which a pad could not bear.
+//   [F_1; F_2] = L^T ([s K_a x~_a; s K_r x~_r] + D (s [V_a; V_r]_d - [V_a; V_r]) + s [F_ff; 0]
+//                     - [0; n] (F_f' + D_z (v_n - s v_d,n)))
+//   tau_i = J_i^T F_i + N_i (s K_N (q_N - q) - D_N N_i^T dq) + C_i dq_i,      s = 1 + alpha_i
+// n: unit vector from the first hand to the second, turning with the set-point. F_f' acts on the mean squeeze
+// f^ = (n^T F^_1 - n^T F^_2) / 2. At rest in a grasp, a force F on the object moves it by K_a^-1 F and f^ =
+// F_d. Phases, valves and energy balance: docs/controllets/ufic.md.
 class CoupledUfic final : public Controllet {
  public:
   static ControlletDescriptor descriptor() { return coupled_ufic::descriptor(); }
+
+  explicit CoupledUfic(ArmModels arms) {
+    for (const auto& arm : arms)
+      bearable_ += arm->largest_load().value_or(std::numeric_limits<double>::infinity());
+  }
+
+  void bound_parameters(ParameterSet& parameters) const override {
+    parameters.lower_max(kObjectMass, std::array{bearable_}, "the arms carry no more beside hands and tools");
+  }
 
   // A begins midway between the hands, with the axes of the world.
   void start_references(ControlContext& context) override {
@@ -68,12 +87,12 @@ class CoupledUfic final : public Controllet {
       if (!arm.state->has_wrench_estimate)
         return LawResult::fault;  // without an estimate the squeeze has no feedback
     }
-    p_r_start_ =
-        context.arms[1].terms->X_WE().position - context.arms[0].terms->X_WE().position;  // axes of A
+    // Axes of A.
+    p_r_start_ = context.arms[1].terms->X_WE().position - context.arms[0].terms->X_WE().position;
     const Vector3 given = context.parameters->vector3(kSqueezeDirection);
     const Vector3 line = given.norm() > 1e-6 ? given : p_r_start_;
     if (!(line.norm() > 1e-6))
-      return LawResult::fault;  // the hands coincide, so there is no line between them
+      return LawResult::fault;  // the hands coincide, so the line between them is undefined
     n_A_ = line.normalized();
     grasp_.start(n_A_.dot(p_r_start_));
     loop_.start();
@@ -81,13 +100,16 @@ class CoupledUfic final : public Controllet {
     gamma_ = touch_distance_ = shift_ = shift_from_ = shift_to_ = integral_ = 0;
     shift_fade_.reset(true);
     affordable_ = 1;
-    const Settings settings(*context.parameters, context.contact);
-    balance_.start(context.arms, context.parameters->number(kTankStart), settings.tanks);
-    alpha_f_ = balance_.force.valve(settings.tanks);
+    object_mass_ = context.parameters->number(kObjectMass);
+    Settings settings(*context.parameters, context.contact);
+    const CooperativeFrame frame = frame_of(context);
+    soften(settings, context, frame, inertia(context, frame));
+    balance_.start(context.arms, settings.tanks.start_j, settings.tanks.limits);
+    alpha_f_ = balance_.force.valve(settings.tanks.limits);
     for (std::size_t i = 0; i < 2; ++i) q_N_[i] = context.arms[i].q();
     springs_ = springs_now(settings, CartesianTarget::of(context.inputs[kPose]));
-    springs_.scale = balance_.impedance.valve(settings.tanks);
-    springs_.energy = springs_.energy_at(frame_of(context));
+    springs_.scale = balance_.impedance.valve(settings.tanks.limits);
+    springs_.energy = springs_.energy_at(frame);
     return LawResult::ok;
   }
 
@@ -96,8 +118,10 @@ class CoupledUfic final : public Controllet {
     OwnedArm& second = context.arms[1];
     const CooperativeFrame frame = frame_of(context);
     if (!frame.holds_together()) return LawResult::fault;
-    const Settings settings(*context.parameters, context.contact);
-    const CartesianTarget target = CartesianTarget::of(context.inputs[kPose]);
+    Settings settings(*context.parameters, context.contact);
+    const Matrix12 Lambda = inertia(context, frame);
+    context.outputs[kStiffnessShare] = soften(settings, context, frame, Lambda);
+    const CartesianTarget target = settings.absolute.led(CartesianTarget::of(context.inputs[kPose]));
     const double dt = context.dt;
 
     update_energy_balance(context, frame, settings);
@@ -105,13 +129,14 @@ class CoupledUfic final : public Controllet {
     Vector12 V, V_d;
     V << frame.absolute_velocity(first.terms->V_WE().vector, second.terms->V_WE().vector),
         frame.relative_velocity(first.terms->V_WE().vector, second.terms->V_WE().vector);
-    const Matrix12 Lambda = frame.inertia(first.terms->task().Lambda, second.terms->task().Lambda);
     const Matrix3& R_d = target.X_W_d.rotation;
-    const Matrix12 D =
-        settings.absolute.damping_given
-            ? given_damping(frame, first, second, settings.absolute.given_damping(R_d),
-                            settings.relative.given_damping(R_d))
-            : coupled_damping(Lambda, stiffness(settings, target), settings.absolute.damping_ratio);
+    Matrix12 D = settings.absolute.damping_given
+                     ? given_damping(frame, first, second, settings.absolute.given_damping(R_d),
+                                     settings.relative.given_damping(R_d))
+                     : coupled_damping(Lambda, stiffness(settings, target), settings.absolute.damping_ratio);
+    if (states_motors(first.model()) || states_motors(second.model()))
+      raise_modes(Lambda, Matrix12(kLeastDampingTime * stiffness(settings, target)), D);
+    brake(R_d, settings.absolute, settings.relative, Lambda, D);
     const double set_point_work =
         move_springs(springs_now(settings, target), frame, D * V, settings, context, dt);
     wait_for_hands(context, frame);
@@ -140,8 +165,9 @@ class CoupledUfic final : public Controllet {
     }
     // No more power than would empty the tank within kEmptying: a fast set-point cannot overdraw it before
     // its valve has closed.
-    constexpr double kEmptying = 0.05;  // [s]
-    affordable_ = balance_.impedance.affordable(feedforward.dot(V) * dt, dt / kEmptying, settings.tanks);
+    constexpr double kEmptying = 0.05;  // time constant [s]
+    affordable_ =
+        balance_.impedance.affordable(feedforward.dot(V) * dt, dt / kEmptying, settings.tanks.limits);
     feedforward *= affordable_;
 
     const double v_n = n.dot(Vector3(V.segment<3>(6)));
@@ -178,7 +204,7 @@ class CoupledUfic final : public Controllet {
     return LawResult::ok;
   }
 
-  // A stays where it is, at another place in the hand.
+  // A stays in place, at another pose in the hand.
   void end_effector_moved(ControlContext& /*context*/, std::size_t arm, const Pose& X) override {
     X_EA_[arm] = X.inverse() * X_EA_[arm];
   }
@@ -186,6 +212,16 @@ class CoupledUfic final : public Controllet {
  private:
   CooperativeFrame frame_of(const ControlContext& context) const {
     return {context.arms[0].terms->X_WE(), X_EA_[0], context.arms[1].terms->X_WE(), X_EA_[1]};
+  }
+
+  static Matrix12 inertia(const ControlContext& context, const CooperativeFrame& frame) {
+    return frame.inertia(context.arms[0].terms->task().Lambda, context.arms[1].terms->task().Lambda);
+  }
+
+  static double soften(Settings& settings, const ControlContext& context, const CooperativeFrame& frame,
+                       const Matrix12& Lambda) {
+    return multipanda::soften(frame, context.arms[0], context.arms[1], context.inputs[kPose].pose().rotation,
+                              Lambda, settings.absolute, settings.relative);
   }
 
   // Full stiffness of all springs, for the damping design, which does not change in a grasp.
@@ -211,7 +247,7 @@ class CoupledUfic final : public Controllet {
     return next;
   }
 
-  // At hand i, of a wrench of the absolute and the relative task.
+  // Wrench at hand i from the absolute and the relative task.
   static Vector6 wrench_at(const CooperativeFrame& frame, const Vector12& F, std::size_t i) {
     return i == 0 ? frame.first_wrench(F.head<6>(), F.tail<6>())
                   : frame.second_wrench(F.head<6>(), F.tail<6>());
@@ -222,14 +258,14 @@ class CoupledUfic final : public Controllet {
     const double energy = springs_.energy_at(frame);
     const double stored = springs_.scale * (energy - springs_.energy);
     springs_.energy = energy;
-    balance_.close(context.arms, stored, settings.valve_law, settings.tanks);
+    balance_.close(context.arms, stored, settings.tanks.law, settings.tanks.limits);
   }
 
   // Moves the springs to new set-points, stiffness and valve. The tank supplies the energy that they gain and
   // receives the energy that they lose. The valve depends on the energy left after that, so both are solved
   // together: s = valve(T + s_before V_before - s V). Updated in turn, they would oscillate.
-  // The bounds for contact close the valve, too, so that the tanks' book stays complete; not because of what
-  // the damping takes of a pull anyway, or a push towards the set-point would let go of a carried object.
+  // The bounds for contact close the valve, too, so that the tanks' balance stays complete; not because
+  // of what the damping takes of a pull anyway, or a push towards the set-point would drop a carried object.
   double move_springs(Springs next, const CooperativeFrame& frame, const Vector12& damping,
                       const Settings& settings, const ControlContext& context, double dt) {
     const double before = springs_.scale * springs_.energy;
@@ -237,7 +273,7 @@ class CoupledUfic final : public Controllet {
     const auto valve_after = [&](double s) {
       EnergyTank after = balance_.impedance;
       after.give(s * next.energy - before);
-      return after.valve(settings.tanks);
+      return after.valve(settings.tanks.limits);
     };
     const Vector12 full = next.wrench(frame);
     const auto at = [&](const Vector12& F, std::size_t i) { return wrench_at(frame, F, i); };
@@ -328,12 +364,12 @@ class CoupledUfic final : public Controllet {
       touched_ = true;
       touch_distance_ = measured_.distance_m;
     }
-    // Decreases at once, increases no faster than a fade.
+    // Decreases at once, increases at the rate of a fade.
     const double rise = context.dt / Fade::kDuration;
     const double shape =
-        touched_ ? contact_shape(measured_.distance_m - touch_distance_, settings.reach) : 0.0;
+        touched_ ? contact_shape(measured_.distance_m - touch_distance_, settings.tanks.reach) : 0.0;
     gamma_ = std::min(shape, gamma_ + rise);
-    alpha_f_ = std::min(balance_.force.valve(settings.tanks), alpha_f_ + rise);
+    alpha_f_ = std::min(balance_.force.valve(settings.tanks.limits), alpha_f_ + rise);
     return true;
   }
 
@@ -345,7 +381,7 @@ class CoupledUfic final : public Controllet {
     const double w = grasp_.force_share();
     // What the share w takes away later does not let the integral grow now.
     const double f = w * loop_.update(settings.force, grasp_.desired_n(), estimated, w, dt, most, deepest);
-    return multipanda::force_share(settings.valve_law, gamma_, alpha_f_, f < 0 ? v_n : -v_n,
+    return multipanda::force_share(settings.tanks.law, gamma_, alpha_f_, f < 0 ? v_n : -v_n,
                                    incoming_speed_for(f, gamma_, alpha_f_, damping)) *
            f;
   }
@@ -356,7 +392,7 @@ class CoupledUfic final : public Controllet {
     const double held = grasp_.ramp();
     if (grasp_.phase() == Phase::grasp) {
       const double e_z = target.X_W_d.position.z() - frame.X_WA.position.z();
-      // Scaled by the fraction that the tank supplies, against windup.
+      // Scaled by the fraction supplied by the tank, against windup.
       integral_ += settings.vertical_integral * held * springs_.scale * affordable_ * e_z * dt;
       integral_ = std::clamp(integral_, -settings.vertical_integral_limit, settings.vertical_integral_limit);
     } else {
@@ -364,7 +400,10 @@ class CoupledUfic final : public Controllet {
     }
     const Vector3 A_d =
         settings.absolute.acceleration_feedforward ? Vector3(target.A_d.linear()) : Vector3(Vector3::Zero());
-    Vector3 f = held * settings.object_mass * (A_d + kGravity * Vector3::UnitZ());
+    // A new mass is faded in slowly: a declared but missing mass lifts the hands.
+    const double step = kMassRate * dt;
+    object_mass_ += std::clamp(settings.object_mass - object_mass_, -step, step);
+    Vector3 f = held * object_mass_ * (A_d + kGravity * Vector3::UnitZ());
     f.z() += integral_;
     vertical_ = f.z();
     return f;
@@ -372,7 +411,6 @@ class CoupledUfic final : public Controllet {
 
   void show(ControlContext& context, const CooperativeFrame& frame, double command, double set_point_work) {
     const auto out = context.outputs;
-    const double per_s = 1.0 / context.dt;
     out[kDesired] = grasp_.phase() == Phase::grasp ? grasp_.desired_n() : 0.0;
     out[kFirstEstimated] = measured_.first_n;
     out[kSecondEstimated] = measured_.second_n;
@@ -380,21 +418,8 @@ class CoupledUfic final : public Controllet {
     out[kCommand] = command;
     out[kInContact] = grasp_.both_touch();
     out[kPhase] = static_cast<double>(grasp_.phase());
-    out[kGamma] = gamma_;
-    out[kAlphaForce] = alpha_f_;
-    out[kAlphaImpedance] = springs_.scale - 1;
-    out[kForceTank] = balance_.force.energy();
-    out[kImpedanceTank] = balance_.impedance.energy();
-    double kinetic = 0;
-    for (const OwnedArm& arm : context.arms) kinetic += 0.5 * arm.dq().dot(arm.terms->momentum());
-    out[kStored] =
-        kinetic + springs_.scale * springs_.energy + balance_.force.energy() + balance_.impedance.energy();
-    out[kKinetic] = kinetic;
-    static_assert(kSetPointPower - kSpringPower == kTorqueParts);
-    balance_.show_powers(out.subspan(kSpringPower), context.dt);
-    out[kSetPointPower] = set_point_work * per_s;
-    out[kOtherPower] = balance_.work_of_others() * per_s;
-    out[kCreated] = balance_.created();
+    balance_.show(out.subspan(kTankOutputs), context.arms,
+                  {gamma_, alpha_f_, springs_.scale, springs_.energy, set_point_work}, context.dt);
     out[kDistance] = measured_.distance_m;
     out[kDistanceSet] = grasp_.distance_d();
     out[kVerticalForce] = vertical_;
@@ -417,12 +442,14 @@ class CoupledUfic final : public Controllet {
   ForceLoop loop_;
   Fade shift_fade_;
   double shift_ = 0, shift_from_ = 0, shift_to_ = 0;  // of A's set-point along n [m]
-  double integral_ = 0, vertical_ = 0;                // [N]
-  double affordable_ = 1;                             // factor on the feed-forward in the last tick
+  static constexpr double kMassRate = 2;              // [kg/s]: lifts hands on 100 N/m with 0.2 m/s
+  double bearable_ = 0, object_mass_ = 0;  // largest mass the arms can carry, and the active mass [kg]
+  double integral_ = 0, vertical_ = 0;     // [N]
+  double affordable_ = 1;                  // factor on the feed-forward in the last tick
   bool touched_ = false;
   double touch_distance_ = 0, gamma_ = 0, alpha_f_ = 0;
   Springs springs_;
-  double closing_speed_ = 0;  // of the hands to each other [m/s]
+  double closing_speed_ = 0;  // closing speed of the hands [m/s]
   double spring_share_ = 0;   // of the whole springs at the more loaded hand, in their bounds for contact
 };
 

@@ -1,7 +1,7 @@
 #pragma once
 
 #include "core/controllets/cartesian_law.hpp"
-#include "core/controllets/energy_tank.hpp"
+#include "core/controllets/energy_balance.hpp"
 #include "core/controllets/force_law.hpp"
 #include "core/controllets/grasp_sequence.hpp"
 
@@ -16,10 +16,10 @@ enum Parameter : std::size_t {
   kProportional,
   kDerivative,
   kIntegral,
-  kErrorCutoff,
-  kIntegralLimit,
+  kSqueezeCutoff,
+  kSqueezeLimit,
   kSqueezeDamping,
-  kContactThreshold,
+  kSqueezeThreshold,
   kSqueezeDirection,
   kApproachSpeed,
   kRamp,
@@ -27,14 +27,9 @@ enum Parameter : std::size_t {
   kObjectMass,
   kVerticalIntegral,
   kVerticalIntegralLimit,
-  kValveLaw,
-  kReach,
-  kTankStart,
-  kTankMin,
-  kTankMax,
-  kTankClosing,
-  kForceFeedforward,
-  kForceMayPull,
+  kTanks,
+  kFeedforward = kTanks + kTankParameterCount,
+  kMayPull,
   kRelativeTranslationalDamping,
   kRelativeRotationalDamping,
   kParameterCount
@@ -48,29 +43,14 @@ enum Output : std::size_t {
   kCommand,
   kInContact,
   kPhase,
-  kGamma,
-  kAlphaForce,
-  kAlphaImpedance,
-  kForceTank,
-  kImpedanceTank,
-  kStored,
-  kKinetic,
-  kSpringPower,
-  kDampingPower,
-  kFeedforwardPower,
-  kNullSpacePower,
-  kCoriolisPower,
-  kForcePower,
-  kForceDampingPower,
-  kSetPointPower,
-  kOtherPower,
-  kCreated,
-  kDistance,
+  kTankOutputs,
+  kDistance = kTankOutputs + kTankOutputCount,
   kDistanceSet,
   kVerticalForce,
   kAbsoluteError,
   kRelativeError = kAbsoluteError + 6,
-  kOutputCount = kRelativeError + 6
+  kStiffnessShare = kRelativeError + 6,
+  kOutputCount
 };
 
 ControlletDescriptor descriptor();
@@ -83,9 +63,8 @@ struct Settings {
   NullSpaceGains null_space;
   ForceGains force;
   GraspSettings grasp;  // without its stiffness, which depends on the direction
-  TankLimits tanks;
-  ValveLaw valve_law;
-  double squeeze_damping, reach, object_mass, vertical_integral, vertical_integral_limit;
+  TankSettings tanks;
+  double squeeze_damping, object_mass, vertical_integral, vertical_integral_limit;
 };
 
 }  // namespace multipanda::coupled_ufic

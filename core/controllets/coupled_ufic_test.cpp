@@ -1,7 +1,6 @@
-#include "core/controllets/coupled_ufic.hpp"
-
 #include <gtest/gtest.h>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/task_spring.hpp"
 #include "core/testing/controllet_rig.hpp"
@@ -369,6 +368,35 @@ TEST(CoupledUfic, APushTowardsTheSetPointLetsGoOfNothing) {
       EXPECT_EQ(bench.number("alpha_i"), 0) << "trial " << trial;
     }
   }
+}
+
+// A mass that is declared and not there lifts the hands: at most what both arms carry, and slowly.
+TEST(CoupledUfic, TheObjectsMassIsBoundedAndComesInSlowly) {
+  const auto model_of = [](std::size_t joints, const Pose& X_WB, double largest_load) {
+    ArmModelSource source = TestArm::make(joints).source(X_WB);
+    source.largest_load = largest_load;
+    return std::make_shared<const ArmModel>(std::move(source));
+  };
+  const Bench poses;
+  const ControlletRig carries(coupled_ufic_controllet(),
+                              {model_of(7, poses.X_WB[0], 2), model_of(6, poses.X_WB[1], 1.5)});
+  const ParameterSet& parameters = carries.parameters();
+  const std::size_t mass = parameters.find("object_mass_kg");
+  EXPECT_EQ(parameters.check(mass, std::array{3.5}), Verdict::accepted);
+  EXPECT_EQ(parameters.check(mass, std::array{3.6}), Verdict::out_of_bounds);
+  EXPECT_EQ(parameters.bound_reason(mass), "the arms carry no more beside hands and tools");
+
+  Bench bench;
+  bench.rig.set("object_mass_kg", {1});
+  bench.grasp(12, 8);
+  EXPECT_NEAR(bench.number("vertical_force_n"), 9.81, 1e-6);
+  bench.rig.set("object_mass_kg", {3.5});
+  bench.ticks(1);
+  EXPECT_LT(bench.number("vertical_force_n"), 1.02 * 9.81);
+  bench.ticks(250);
+  EXPECT_NEAR(bench.number("vertical_force_n"), 9.81 * (1 + 2 * 0.251), 1e-6);
+  bench.ticks(1000);
+  EXPECT_NEAR(bench.number("vertical_force_n"), 9.81 * 3.5, 1e-6);
 }
 
 // For any motion: the energy that arms and springs gain, the tanks lose. The test prescribes the motion of

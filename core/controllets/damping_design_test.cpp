@@ -19,9 +19,13 @@ Matrix6 some_inertia(Draw& draw) {
   return scale.asDiagonal() * (A * A.transpose() + 0.2 * Matrix6::Identity()) * scale.asDiagonal();
 }
 
-// Damping ratios of inertia x'' + damping x' + stiffness x = 0, from the eigenvalues of its first-order form.
-std::vector<double> damping_ratios(const Eigen::MatrixXd& inertia, const Eigen::MatrixXd& damping,
-                                   const Eigen::MatrixXd& stiffness) {
+struct Mode {
+  double omega, ratio;
+};
+
+// Modes of inertia x'' + damping x' + stiffness x = 0, from the eigenvalues of its first-order form.
+std::vector<Mode> modes_of(const Eigen::MatrixXd& inertia, const Eigen::MatrixXd& damping,
+                           const Eigen::MatrixXd& stiffness) {
   const Eigen::Index n = inertia.rows();
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(2 * n, 2 * n);
   A.topRightCorner(n, n).setIdentity();
@@ -29,9 +33,10 @@ std::vector<double> damping_ratios(const Eigen::MatrixXd& inertia, const Eigen::
   A.bottomLeftCorner(n, n) = -mobility * stiffness;
   A.bottomRightCorner(n, n) = -mobility * damping;
   const Eigen::VectorXcd poles = test::eigenvalues(A);
-  std::vector<double> ratios;
-  for (Eigen::Index i = 0; i < poles.size(); ++i) ratios.push_back(-poles[i].real() / std::abs(poles[i]));
-  return ratios;
+  std::vector<Mode> modes;
+  for (Eigen::Index i = 0; i < poles.size(); ++i)
+    modes.push_back({std::abs(poles[i]), -poles[i].real() / std::abs(poles[i])});
+  return modes;
 }
 
 TEST(DampingDesign, GivesEveryCoupledModeItsRatio) {
@@ -43,8 +48,11 @@ TEST(DampingDesign, GivesEveryCoupledModeItsRatio) {
         draw.uniform(1, 100), draw.uniform(1, 100);
     const Matrix6 K = k.asDiagonal();
     const double zeta = draw.uniform(0.2, 0.95);
-    for (const double ratio : damping_ratios(Lambda, task_damping(Lambda, K, zeta), K)) {
-      EXPECT_NEAR(ratio, zeta, 1e-6);
+    // A spring that acts 10 ms late needs the damping ratio 10 ms / 2 omega.
+    for (const Mode& mode : modes_of(Lambda, task_damping(Lambda, K, zeta), K)) {
+      if (mode.omega < 180) {
+        EXPECT_NEAR(mode.ratio, std::max(zeta, 0.005 * mode.omega), 1e-6);
+      }
     }
   }
 }
@@ -57,8 +65,8 @@ TEST(DampingDesign, JointsOfAnyCount) {
     for (Eigen::Index i = 0; i < A.size(); ++i) A.data()[i] = draw.uniform(-1, 1);
     const JointMatrix M = A * A.transpose() + 0.1 * JointMatrix::Identity(size, size);
     const JointVector K = draw.joints(n, 200) + joint_constant(n, 250);
-    for (const double ratio : damping_ratios(M, joint_damping(M, K, 0.6), K.asDiagonal().toDenseMatrix())) {
-      EXPECT_NEAR(ratio, 0.6, 1e-6) << n << " joints";
+    for (const Mode& mode : modes_of(M, joint_damping(M, K, 0.6), K.asDiagonal().toDenseMatrix())) {
+      EXPECT_NEAR(mode.ratio, 0.6, 1e-6) << n << " joints";
     }
   }
 }
@@ -103,7 +111,7 @@ TEST(DampingDesign, FastModesDecayBehindTwoPeriods) {
     for (double w = 20; w <= 295; w += 5) {
       const double k = w * w;
       const double d = joint_damping(JointMatrix::Identity(1, 1), joint_constant(1, k), zeta)(0, 0);
-      EXPECT_NEAR(d, std::min(2 * zeta * w, kLargestModalDamping), 1e-9);
+      EXPECT_NEAR(d, std::min(std::max(2 * zeta * w, 0.01 * k), kLargestModalDamping), 1e-9);
       EXPECT_LT(growth(k, d, 1), 1) << w << " rad/s, " << zeta;
       EXPECT_LT(growth(k, d, 2), 1) << w << " rad/s, " << zeta;
       if (w <= 205) {

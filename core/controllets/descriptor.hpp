@@ -42,6 +42,8 @@ struct ControlletDescriptor {
   // Whether its torques act as a wrench of each hand on the world, J^T F beside the self-motion. A carrier
   // then bears that wrench for the arm that stands on it.
   bool wrench_at_hand = false;
+  // Whether a person moves its arms by hand: nothing pulls them back.
+  bool guided = false;
   std::vector<InputSpec> inputs;
   std::vector<ParameterSpec> parameters;
   std::vector<OutputSpec> outputs;

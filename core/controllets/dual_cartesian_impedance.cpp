@@ -1,15 +1,17 @@
-#include "core/controllets/dual_cartesian_impedance.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/offset_reference.hpp"
 #include "core/controllets/set_point_blend.hpp"
 
 namespace multipanda {
 namespace {
 
+// DC: two arms owned by one controllet, each with its own Cartesian impedance; law and closed loop as in
+// cartesian_impedance.cpp. The set-points are one common pose, shifted by +offset for the first arm and
+// -offset for the second, or one pose each (world axes).
 class DualCartesianImpedance final : public Controllet {
  public:
   static ControlletDescriptor descriptor() {
@@ -25,7 +27,8 @@ class DualCartesianImpedance final : public Controllet {
                                    .arm = 0,
                                    .doc =
                                        "Common set-point of both hands, world frame; each hand is shifted by "
-                                       "offset_m. Ignored with separate goals."}),
+                                       "offset_m. Ignored with separate goals.",
+                                   .common = true}),
             input_at<kFirstPose>(
                 {.name = "first_pose",
                  .quantity = Quantity::pose,
@@ -110,7 +113,7 @@ class DualCartesianImpedance final : public Controllet {
     return LawResult::ok;
   }
 
-  // A hand's own set-point is carried along. The common one is neither hand's, so it stays.
+  // A hand's own set-point moves along. The common one belongs to neither hand, so it stays.
   void end_effector_moved(ControlContext& context, std::size_t arm, const Pose& X) override {
     if (goals_ == kSeparate && blend_[arm].over()) {
       context.inputs[arm == 0 ? kFirstPose : kSecondPose].carry(X);

@@ -1,11 +1,9 @@
-#include "core/controllets/dual_cartesian_impedance.hpp"
-
 #include <algorithm>
 #include <array>
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/cartesian_impedance.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/test_arm.hpp"
 

@@ -2,7 +2,7 @@
 // they do not jump, keep within the bound on their speed, and the law knows their velocity and acceleration.
 #include <gtest/gtest.h>
 
-#include "core/controllets/dual_cartesian_impedance.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/moving_law.hpp"
 
 namespace multipanda::dual_motion_test {

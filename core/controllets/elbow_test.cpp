@@ -1,9 +1,9 @@
 // The elbow: its velocity by finite differences of kinematics written independently, and what presses on
 // something that holds it, from the equations of motion with that constraint.
-#include "core/controllets/elbow.hpp"
-
 #include <gtest/gtest.h>
 
+#include "core/controllets/joint_law.hpp"
+#include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
 #include "core/testing/plain_arm.hpp"
 

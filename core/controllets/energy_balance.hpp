@@ -6,6 +6,7 @@
 
 #include "core/controllets/controllet.hpp"
 #include "core/controllets/energy_tank.hpp"
+#include "core/controllets/spec_table.hpp"
 
 namespace multipanda {
 
@@ -34,7 +35,7 @@ class EnergyBalance {
   void open(TorquePart part, const JointVector& tau) { tau_[part] = tau; }
   JointVector sum() const;
 
-  double work(TorquePart part) const { return work_[part]; }  // [J]
+  double work(TorquePart part) const { return work_[part]; }  // work of a part [J]
   double work_of_others() const { return others_; }           // [J]
 
  private:
@@ -57,16 +58,58 @@ class TankBalance {
   void close(std::span<const OwnedArm> arms, double stored_j, ValveLaw law, const TankLimits& limits);
 
   EnergyBalance& arm(std::size_t i) { return arms_[i]; }
-  double work(TorquePart part) const;                            // of all arms [J]
-  double work_of_others() const;                                 // [J]
-  double created() const { return created_; }                    // by make_up(), so far [J]
-  void show_powers(std::span<double> outputs, double dt) const;  // of each TorquePart [W]
+  double work(TorquePart part) const;  // of all arms [J]
+  double work_of_others() const;       // [J]
+
+  // Writes the kTankOutputCount numbers. `scale` and `energy` [J] of the springs, `supplied` [J]: the work
+  // that the impedance tank gave them in this tick.
+  struct Shown {
+    double gamma, alpha_f, scale, energy, supplied;
+  };
+  void show(std::span<double> outputs, std::span<const OwnedArm> arms, const Shown& now, double dt) const;
 
   EnergyTank force, impedance;
 
  private:
   std::vector<EnergyBalance> arms_;
-  double created_ = 0;
+  double created_ = 0;  // total from make_up() [J]
 };
+
+// --- descriptor parts shared by laws with two tanks ---
+enum TankParameter : std::size_t {
+  kValveLaw,
+  kReach,
+  kTankStart,
+  kTankMin,
+  kTankMax,
+  kTankClosing,
+  kTankParameterCount
+};
+SpecsAt<ParameterSpec, 0, kTankParameterCount> tank_parameters();
+
+// Their values; `first` is the index of the group's first parameter in the controllet's descriptor.
+struct TankSettings {
+  ValveLaw law = ValveLaw::passive;
+  double reach = 0;    // d_max [m]
+  double start_j = 0;  // [J]
+  TankLimits limits;
+};
+TankSettings tank_settings(const ParameterSet& parameters, std::size_t first);
+
+enum TankOutput : std::size_t {
+  kGamma,
+  kAlphaForce,
+  kAlphaImpedance,
+  kForceTank,
+  kImpedanceTank,
+  kStored,
+  kKinetic,
+  kSpringPower,
+  kSetPointPower = kSpringPower + kTorqueParts,
+  kOtherPower,
+  kCreated,
+  kTankOutputCount
+};
+SpecsAt<OutputSpec, 0, kTankOutputCount> tank_outputs();
 
 }  // namespace multipanda

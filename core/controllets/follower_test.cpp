@@ -4,8 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/joint_follower.hpp"
-#include "core/controllets/pose_follower.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/moving_law.hpp"
 
 namespace multipanda::follower_test {

@@ -12,6 +12,45 @@ constexpr double kJerk = 250, kAngularJerk = 500;              // [m/s^3], [rad/
 
 }  // namespace
 
+Matrix3 leading_rotation(LeadingAxes axes, const ArmModel& leader, const ArmModel& follower) {
+  if (axes == LeadingAxes::world) return Matrix3::Identity();
+  return follower.X_WB().rotation * leader.X_WB().rotation.transpose();
+}
+
+void LedPose::start(const OwnedArm& leader, const Pose& X) {
+  X_ = X;
+  skip(leader);
+}
+
+void LedPose::skip(const OwnedArm& leader) {
+  X_leader_ = leader.terms->X_WE();
+  X_FE_leader_ = leader.state->frames.X_FE;
+  V_.setZero();
+}
+
+void LedPose::advance(const OwnedArm& leader, const Matrix3& R_map, double scale) {
+  const Pose& X_FE = leader.state->frames.X_FE;
+  const bool same_hand = X_FE.position == X_FE_leader_.position && X_FE.rotation == X_FE_leader_.rotation;
+  if (!same_hand)
+    X_leader_ = X_leader_ * X_FE_leader_.inverse() * X_FE;  // of the new end effector, at the
+                                                            // same place
+  const Pose X_before = X_leader_;
+  skip(leader);
+  X_.position += scale * (R_map * (X_leader_.position - X_before.position));
+  const Matrix3 turned = R_map * X_leader_.rotation * X_before.rotation.transpose() * R_map.transpose();
+  // Normalized, because rounding accumulates over millions of products.
+  X_.rotation = Quaternion(turned * X_.rotation).normalized().toRotationMatrix();
+  const Twist& V = leader.terms->V_WE();
+  V_.head<3>() = scale * (R_map * V.linear());
+  V_.tail<3>() = R_map * V.angular();
+}
+
+void LedPose::carry(const Pose& X) {
+  const Vector3 p = X_.rotation * X.position;
+  V_.head<3>() += Vector3(V_.tail<3>()).cross(p);
+  X_ = X_ * X;
+}
+
 ParameterSpec clutch_parameter() {
   return switch_parameter("clutch", true,
                           "Closed: the follower follows. Open: it brakes and stays; closing aligns again.");
@@ -43,7 +82,7 @@ void JumpDetector::start(const OwnedArm& arm) {
 
 bool JumpDetector::jumped(const OwnedArm& arm) {
   constexpr double kFaster = 1.5, kNoise = 0.005;  // than the joints' limits; [rad]
-  constexpr double kLongest = 0.03;  // an arm that is silent for longer is lost; its clock may jump, too [s]
+  constexpr double kLongest = 0.03;  // an arm silent for longer is lost, and its clock may jump [s]
   const double dt = std::clamp(seconds(arm.state->t_robot - t_), 0.0, kLongest);
   const auto possible = kFaster * dt * arm.model().limits().dq_max.array() + kNoise;
   const bool jumped = !((arm.q() - q_).array().abs() <= possible).all();
@@ -95,7 +134,7 @@ void FollowingPose::brake(const Pose& X_WE, double strain, const ContactBounds& 
     yields_ = true;
     X_yields_ = X_WE;
   }
-  JointVector way = dt * motion_.velocity();  // to where it would be
+  JointVector way = dt * motion_.velocity();  // to the predicted position
   if (yields_) way = pose_error(X_yields_, X_d_);
   move(JointVector::Zero(6), way, bounds, dt);
 }

@@ -1,16 +1,47 @@
 #pragma once
 
 #include "core/controllets/cartesian_law.hpp"
+#include "core/controllets/controllet.hpp"
 #include "core/controllets/following_motion.hpp"
-#include "core/controllets/led_pose.hpp"
 
-// Parts that the laws with a leader share. Loop thread, no allocation.
+// The pose that a leader's hand commands for another arm. Loop thread, no allocation.
 namespace multipanda {
 
-// What begins when a follower starts or its clutch closes.
+// Corresponding axes of both arms: the hands move along the same ones.
+enum class LeadingAxes : std::uint8_t {
+  base,  // of each arm's base
+  world
+};
+Matrix3 leading_rotation(LeadingAxes axes, const ArmModel& leader, const ArmModel& follower);  // R_map
+
+// Adds up the motion of the leader's hand since it began, mapped by R_map and scaled by s:
+//   dp = s R_map dp_l,   dR = R_map dR_l R_map^T
+// What it led to so far stays, so that the pose is continuous when s or the leader's end effector changes.
+class LedPose {
+ public:
+  void start(const OwnedArm& leader, const Pose& X);
+  void place(const Pose& X) { X_ = X; }  // continues from X
+  void advance(const OwnedArm& leader, const Matrix3& R_map, double scale);
+  // The same without accumulation: the leader moves on its own.
+  void skip(const OwnedArm& leader);
+  void stand() { V_.setZero(); }  // treats it as resting
+  // The led end effector was redefined, X away from the old one.
+  void carry(const Pose& X);
+
+  const Pose& X() const { return X_; }
+  const Vector6& V() const { return V_; }  // world axes; zero after skip()
+
+ private:
+  Pose X_, X_leader_, X_FE_leader_;
+  Vector6 V_ = Vector6::Zero();
+};
+
+// Parts shared by laws with a leader. Loop thread, no allocation.
+
+// Alignment when a follower starts or its clutch closes.
 enum class Alignment : std::uint8_t {
-  keep,  // the difference between leader and follower stays
-  match  // the follower goes where the leader is, within the speed of its hand
+  keep,  // keeps the difference between leader and follower
+  match  // moves the follower to the leader's pose, within the hand's speed
 };
 
 ParameterSpec clutch_parameter();
@@ -50,7 +81,7 @@ inline constexpr double kLargestStrain = 3;
 class Clutch {
  public:
   void start() { *this = {}; }
-  bool turn(bool asked, bool left_behind, double strain, double dt);  // whether it is closed
+  bool turn(bool asked, bool left_behind, double strain, double dt);  // returns whether it is closed
   bool slipped() const { return slipped_; }
 
  private:
@@ -70,7 +101,7 @@ class FollowingPose {
   void advance(const Pose& X, const Vector6& V, const ContactBounds& bounds, double dt);
   // Brakes to rest; then yields to a hand at X_WE whose strain is above kYieldsFrom.
   void brake(const Pose& X_WE, double strain, const ContactBounds& bounds, double dt);
-  // What pulled the hand in this tick: the set-point waits for it from the next one on.
+  // Pull on the hand in this tick: from the next tick on the set-point waits for it.
   void resist(const Vector6& pull, double force_share, double moment_share, double dt);
   void carry(const Pose& X);  // the end effector was redefined, X away from the old one
 
@@ -87,7 +118,7 @@ class FollowingPose {
   FollowingMotion motion_;
   Resistance force_, moment_;
   bool yields_ = false;
-  Pose X_yields_;  // to here
+  Pose X_yields_;  // final pose of yielding
 };
 
 }  // namespace multipanda

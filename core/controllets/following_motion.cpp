@@ -63,14 +63,14 @@ JointVector FollowingMotion::desired(const JointVector& difference, const JointV
                                      double dt) const {
   const auto part = [&](const JointVector& x) { return JointVector(x.segment(limits.first, limits.count)); };
   JointVector e = part(difference) - dt * part(v_), v = part(target_velocity);  // at the end of this tick
-  clamp_norm(v, limits.speed);  // else a velocity that does not belong to the target's way would carry it off
+  clamp_norm(v, limits.speed);  // otherwise a velocity unrelated to the target's motion would carry it away
   resistance.relieve(e, v);
   if (resistance.waits() == Resistance::Waits::along) {
-    // First, so that a way on which it waits takes no speed from the others.
+    // Computed first, because waiting along one direction must not reduce the speed across it.
     resistance.hold_back(e);
     resistance.hold_back(v);
   }
-  // sqrt(2 a |e|): the speed from which it brakes to rest within |e|.
+  // sqrt(2 a |e|): the highest speed from which it can brake to rest within |e|.
   const double linear = kPole / 3 * e.norm();
   const double brakes = std::sqrt(2 * kBrakingShare * limits.acceleration * e.norm());
   v += (linear > brakes ? brakes / linear : 1.0) * kPole / 3 * e;

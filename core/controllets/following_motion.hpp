@@ -10,7 +10,8 @@
 //   v_w = v_t + p/3 e,  a_w = p (v_w - v),  da/dt = 3 p (a_w - a)
 // This is a triple pole at -p: the set-point does not lag behind a target of constant velocity, and by
 // 3 a_t / p^2 (0.5 mm per m/s^2) behind one with the acceleration a_t. Far from the target, v_w is no faster
-// than the set-point can brake.
+// than the set-point can brake. A Reference cannot do this: it plans segments to goals and to samples of
+// streams, while a target that a person leads is known for this tick only.
 namespace multipanda {
 
 // Limits of the length of a vector, that of the coordinates first ... first + count - 1.
@@ -19,19 +20,21 @@ struct FollowingLimits {
   double speed = 0, acceleration = 0, jerk = 0;  // [m/s, m/s^2, m/s^3] or [rad/s, ...]
 };
 
-// The pull of the set-point at the arm, and its share of what is allowed. Both are smoothed, since a part of
+// The pull of the set-point at the arm, and its share of what is allowed: bound_pull() bounds the torque of a
+// tick, this holds back the set-point that would pull on for long after. Both are smoothed, since a part of
 // the pull is the set-point's own acceleration; otherwise the set-point would start and wait in turns.
 class Resistance {
  public:
   static constexpr double kBandwidth = 30;  // [rad/s], as that of a reference's pace
 
-  // What of the set-point waits: its motion along the pull, so that it slides across, or all of it. Joints
-  // that went on across the pull would fold the arm.
+  // Which part of the set-point's motion waits: that along the pull, so that it slides across, or all of it.
+  // Joints that continued across the pull would fold the arm.
   enum class Waits : std::uint8_t { along, all };
 
   void start(Eigen::Index coordinates, Waits waits = Waits::along);
   void update(const JointVector& pull, double share, double dt);
-  // What is left of a motion that loads the arm, by 0.8 of the allowed pull all of it, by the whole nothing.
+  // Remaining fraction of a motion that loads the arm: 1 up to a pull of 0.8 of the allowed one, 0 at the
+  // full allowed pull.
   void hold_back(JointVector& motion) const;
   // What is left of the way to a target that goes back, with this velocity: the set-point relieves the arm as
   // the target goes, instead of making up for its lag first. While the pull is light, the whole way is left.
@@ -57,7 +60,7 @@ class FollowingMotion {
   // `v_w`: of these coordinates only.
   void advance(const JointVector& v_w, const FollowingLimits& limits, double dt);
 
-  bool rests() const;  // or nearly
+  bool rests() const;  // or almost
   const JointVector& velocity() const { return v_; }
   const JointVector& acceleration() const { return a_; }
   // The coordinates are those of a twist, about another point of the same body: p further, in the same axes.

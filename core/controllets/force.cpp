@@ -1,7 +1,6 @@
-#include "core/controllets/force.hpp"
-
 #include <algorithm>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/energy_tank.hpp"
 #include "core/controllets/force_law.hpp"
@@ -9,6 +8,12 @@
 namespace multipanda {
 namespace {
 
+// Force control of one arm along one direction, with an impedance in all others. Approach and loss of
+// contact: docs/controllets/force.md.
+//   tau = J^T (F_i - w n n^T F_s + n (w gamma f - D_z v_n) + g_t w F_t) + tau_null + C dq
+// F_i the impedance, F_s its spring, n the pressing direction, w from 0 to 1 with the first contact. At rest
+// in contact the arm exerts f = F_d along n, by the integral part. World axes; forces [N] are those that the
+// arm exerts.
 class Force final : public Controllet {
  public:
   static ControlletDescriptor descriptor() {
@@ -44,7 +49,8 @@ class Force final : public Controllet {
             output_at<kGamma>("gamma_f", "Fading factor beyond the last contact."),
             output_at<kApproaching>("approaching", "1 while approaching a surface, otherwise 0."),
             output_at<kError, 3>("position_error_m", "Deviation from the held pose, world axes."),
-            output_at<kError + 3, 3>("orientation_error_rad", "Deviation from the held pose, world axes.")),
+            output_at<kError + 3, 3>("orientation_error_rad", "Deviation from the held pose, world axes."),
+            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc)),
         .presets = {paper_preset({{"force_proportional", {1}},
                                   {"force_derivative_s", {0}},
                                   {"force_integral_per_s", {2}},
@@ -83,7 +89,7 @@ class Force final : public Controllet {
     const double desired = std::max(0.0, n.dot(F_d));
     const Vector3 F_hat = arm.state->F_K_W_est.force();
     if (!F_d.allFinite() || !F_hat.allFinite())
-      return LawResult::fault;  // a clamp would hide a value that is not finite
+      return LawResult::fault;  // clamping would hide an invalid value
     const double estimated = n.dot(F_hat);
     const Vector3 p = terms.X_WE().position;
     watch_contact(estimated, settings.contact_threshold, p, n, dt);
@@ -111,10 +117,10 @@ class Force final : public Controllet {
     const double most = context.contact.spring_force;
     const Vector3 F_t = settings.tangential_gain * w *
                         direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
-    // A hand in the way is felt like friction, and would be pushed harder and harder.
+    // A hand in the way acts like friction and would be pushed harder and harder.
     const Vector3 pull_across = direction_.across(pull);
     const Vector3 along_surface = largest_share(pull_across, F_t, most) * F_t;
-    // What presses along n keeps to the bound together with what acts across it.
+    // The force along n and the force across it together respect the bound.
     const double spring_n = w * n.dot(spring);
     const double left = left_beside(pull_across + along_surface, most) - n.dot(pull) + spring_n;
     const double room = room_.update(std::min(left, most), most, dt);
@@ -124,7 +130,7 @@ class Force final : public Controllet {
     const double retreat = std::min(deepest, force_at_speed(context.contact, -v_n));
     const double command =
         w * gamma * loop_.update(settings.gains, desired, estimated, gamma * w, dt, room, retreat);
-    // With the velocity of the set-point, D_z pulls, too.
+    // With the set-point's velocity, D_z also pulls.
     const double approach =
         gains.damping_of == DampingOf::velocity
             ? 0.0
@@ -143,6 +149,7 @@ class Force final : public Controllet {
     out[kGamma] = gamma;
     out[kApproaching] = approaching;
     std::copy_n(pose_error(X_hold_, terms.X_WE()).data(), 6, out.begin() + kError);
+    out[kStiffnessShare] = force.stiffness_share;
     return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
   }
 
@@ -169,7 +176,8 @@ class Force final : public Controllet {
     kGamma,
     kApproaching,
     kError,
-    kOutputCount = kError + 6
+    kStiffnessShare = kError + 6,
+    kOutputCount
   };
 
   // Pressing begins with the first contact. It ends when the tool has advanced by kLossDistance without
@@ -189,7 +197,7 @@ class Force final : public Controllet {
 
   JointVector q_N_;
   Pose X_hold_;
-  Vector3 p_c_ = Vector3::Zero();  // where the tool last touched
+  Vector3 p_c_ = Vector3::Zero();  // last point of contact of the tool
   ForceDirection direction_;
   ContactDetector detector_;
   ForceLoop loop_;

@@ -107,7 +107,7 @@ class ForceLoop {
   // with time constant kRestraint; at once it would be a step of the torque.
   static constexpr double kRestraint = 0.02;  // [s]
   void restrain(double low_n, double high_n, double dt);
-  void release();  // from restrain()
+  void release();  // ends restrain()
 
  private:
   LowPass<double> error_;
@@ -115,19 +115,20 @@ class ForceLoop {
   double low_ = -std::numeric_limits<double>::infinity(), high_ = -low_;  // of the integral [N]
 };
 
-// What a force may reach beside pulls across it. Falls at once with what they leave, and rises slowly: a pull
-// that shakes does not shake the force, and a tool that was held aside and is let go presses again softly.
+// What a force may reach beside pulls across it, which bound_pull() has bounded already. Falls at once with
+// what they leave, and rises slowly: a pull that shakes does not shake the force, and a tool that was held
+// aside and is let go presses again softly.
 class ForceRoom {
  public:
   void start() { room_ = 0; }
-  // `left` and the bound `most` [N]; infinite: nothing is bounded.
+  // `left` and the bound `most` [N]; infinite: unbounded.
   double update(double left, double most, double dt);
 
  private:
   double room_ = 0;
 };
 
-// --- descriptor parts that force controllets share ---
+// --- descriptor parts shared by force controllets ---
 enum ForceParameter : std::size_t {
   kForceProportional,
   kForceDerivative,

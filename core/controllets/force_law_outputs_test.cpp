@@ -2,8 +2,7 @@
 // that is kept here.
 #include <gtest/gtest.h>
 
-#include "core/controllets/coupled_ufic.hpp"
-#include "core/controllets/ufic.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/moving_law.hpp"
 
 namespace multipanda::force_law_outputs_test {
@@ -116,14 +115,14 @@ TEST(ForceLawOutputs, StoredEnergyIsABook) {
       ASSERT_EQ(run.law.rig.start(), LawResult::ok);
       run.tick(0);
       const auto stored = [&] { return run.number("stored_energy_j") - run.kinetic(); };
-      double before = stored(), created = run.number("energy_made_up_j");
+      double before = stored(), created = run.number("energy_injected_j");
       for (int t = 1; t < 500; ++t) {
         run.tick(t);
         const double given = run.shown_work() + 0.001 * run.number("power_other_w");
-        const double made_up = run.number("energy_made_up_j") - created;
-        EXPECT_NEAR(stored() - before, made_up - given, 1e-8) << described.type.descriptor.type << t;
+        const double injected = run.number("energy_injected_j") - created;
+        EXPECT_NEAR(stored() - before, injected - given, 1e-8) << described.type.descriptor.type << t;
         before = stored();
-        created = run.number("energy_made_up_j");
+        created = run.number("energy_injected_j");
         const double tanks = run.number("force_tank_j") + run.number("impedance_tank_j");
         EXPECT_GE(before - tanks, -1e-9);  // the spring's
       }

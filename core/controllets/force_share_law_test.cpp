@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "core/controllets/ufic.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
 #include "core/testing/plain_arm.hpp"

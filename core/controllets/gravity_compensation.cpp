@@ -1,14 +1,17 @@
-#include "core/controllets/gravity_compensation.hpp"
-
 #include <algorithm>
 #include <vector>
 
-#include "core/controllets/bearable_damping.hpp"
+#include "core/controllets/builtins.hpp"
+#include "core/controllets/damping_design.hpp"
 #include "core/model/prismatic_joints.hpp"
 
 namespace multipanda {
 namespace {
 
+// Hand guiding: the arm compensates its own gravity only.
+//   tau = C dq - D dq
+// Closed loop (exact model): M ddq + D dq = tau_ext. The arm itself compensates gravity (CONVENTIONS.md). D
+// [N m s/rad] is a small damping, so that a pushed arm comes to rest.
 class GravityCompensation final : public Controllet {
  public:
   explicit GravityCompensation(ArmModels arms) {
@@ -27,6 +30,7 @@ class GravityCompensation final : public Controllet {
     return {.type = "gravity_compensation",
             .doc = "Hand guiding: compensates gravity, so that the arm can be moved by hand.",
             .moving_base = true,
+            .guided = true,
             .parameters = spec_table<kParameterCount>(parameter_at<kDamping>(
                 {.name = "damping_nms_per_rad",
                  .unit = "N m s/rad",
@@ -54,7 +58,7 @@ class GravityCompensation final : public Controllet {
 
  private:
   enum Parameter : std::size_t { kDamping, kParameterCount };
-  // Joints that move another arm, too, do not coast on: it would sweep that arm along.
+  // Joints that also move another arm must not coast: they would sweep that arm along.
   static void brake_torso(OwnedArm& arm) {
     for (std::size_t joint = 0; joint <= arm.carried_joint; ++joint) {
       const auto i = static_cast<Eigen::Index>(joint);
@@ -66,9 +70,9 @@ class GravityCompensation final : public Controllet {
     double least, most;  // damping [N s/m]; the most is what it bears at 1 kHz
   };
   static constexpr double kAtLever = 100;  // N s/m for each N m s/rad, 1 / (0.1 m)^2
-  // A carriage that is let go at the speed v comes to rest within v / kStops.
+  // A carriage released at the speed v comes to rest within v / kStops.
   static constexpr double kStops = 2;  // [1/s]
-  // Beyond, whoever leads it at the usual speed of hands would have to push with more than their usual force.
+  // Beyond this, guiding it at the usual speed of hands would require more than the usual force.
   static constexpr double kEasilyLed = ContactBounds{}.spring_force / ContactBounds{}.hand_speed;  // [N s/m]
 
   std::vector<Carriage> carriages_;

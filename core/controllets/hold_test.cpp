@@ -1,10 +1,8 @@
-#include "core/controllets/hold.hpp"
-
 #include <cmath>
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/gravity_compensation.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
 #include "core/testing/lagging_motors.hpp"

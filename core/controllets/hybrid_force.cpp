@@ -1,11 +1,10 @@
-#include "core/controllets/hybrid_force.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 
 #include "core/controllets/axis_force.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/cartesian_law.hpp"
 
 namespace multipanda {
@@ -50,6 +49,14 @@ ParameterSpec number(std::string name, std::string unit, double initial, double 
           .doc = std::move(doc)};
 }
 
+// Force control of one arm along any subset of six axes, moments included, with an impedance along the others
+// (Raibert and Craig 1981, with compliance in place of position control).
+//   tau = J^T ((I - W) P - D_c V + f - W D_W V) + tau_null + C dq
+//   P   = K_c (I - W) x~ + D_c (I - W) V_d + Lambda (I - W) A_d
+// W projects on the selected axes of the force frame, translations and rotations each by themselves, and
+// fades with the selection; f has a force or moment per selected axis (axis_force.hpp). Along a selected axis
+// the set-point follows the arm. World axes, linear first; wrenches [N, N m] are those that the arm exerts,
+// at E. Without a selected axis it is `cartesian_impedance`. docs/controllets/force.md.
 class HybridForce final : public Controllet {
  public:
   static ControlletDescriptor descriptor() {
@@ -119,7 +126,8 @@ class HybridForce final : public Controllet {
             output_at<kWeight, 6>(
                 "axis_weight", "Per axis: 1 under force control, 0 under impedance, between while it fades."),
             output_at<kError, 3>("position_error_m", "p_d - p along axes of the impedance, world axes."),
-            output_at<kError + 3, 3>("orientation_error_rad", "log(R_d R^T), the same.")),
+            output_at<kError + 3, 3>("orientation_error_rad", "log(R_d R^T), the same."),
+            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc)),
         .presets = {}};
   }
 
@@ -149,14 +157,14 @@ class HybridForce final : public Controllet {
     ModelTerms& terms = *arm.terms;
     const ParameterSet& parameters = *context.parameters;
     const Vector6 F_d = context.inputs[kWrench].vector();
-    const Vector3 p_EK = terms.X_WK().position - terms.X_WE().position;
-    const Vector6 F_hat = shifted(arm.state->F_K_W_est, p_EK).vector;
+    const Vector6 F_hat = wrench_about_E(arm);
     if (!F_d.allFinite() || !F_hat.allFinite())
-      return LawResult::fault;  // a clamp would hide a value that is not finite
+      return LawResult::fault;  // clamping would hide an invalid value
 
     const WeightedAxes axes = select(parameters, context);
     const CartesianTarget target = follow(axes, context);
-    const ImpedanceGains gains = impedance_gains(parameters, context.contact);
+    ImpedanceGains gains = impedance_gains(parameters, context.contact);
+    const double stiffness_share = gains.soften(target.X_W_d.rotation, terms);
     TaskForce force = impedance_force(gains, target, terms);
     waits_ = std::max(force.bounded.force_share, force.bounded.moment_share) > kWaitsFrom;
     Vector6 command = Vector6::Zero();  // f, force frame
@@ -186,6 +194,7 @@ class HybridForce final : public Controllet {
     for (std::size_t i = 0; i < kAxes; ++i) out[kContact + i] = axis_[i].in_contact();
     std::copy_n(axes.weight.data(), kAxes, out.begin() + kWeight);
     std::copy_n(force.error.data(), kAxes, out.begin() + kError);
+    out[kStiffnessShare] = stiffness_share;
     return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
   }
 
@@ -193,7 +202,7 @@ class HybridForce final : public Controllet {
     const Pose X_d = set_point(context) * X;
     Controllet::end_effector_moved(context, arm, X);
     offset_.position = X_d.position - context.inputs[kPose].pose().position;
-    R_EF_ = X.rotation.transpose() * R_EF_;  // selected axes do not turn with the definition
+    R_EF_ = X.rotation.transpose() * R_EF_;  // selected axes do not turn with the redefinition
     // The same wrench as before, about the new point.
     const Pose& X_WE = context.arms[arm].terms->X_WE();
     Wrench before;
@@ -230,7 +239,8 @@ class HybridForce final : public Controllet {
     kContact = kCommand + kAxes,
     kWeight = kContact + kAxes,
     kError = kWeight + kAxes,
-    kOutputCount = kError + kAxes
+    kStiffnessShare = kError + kAxes,
+    kOutputCount
   };
 
   // Moments fall with the speed along them, from half of kTurnLimit on, and end at kTopTurning [rad/s].
@@ -296,7 +306,7 @@ class HybridForce final : public Controllet {
     return target;
   }
 
-  // The pose whose error against X is this.
+  // The pose whose error relative to X is this.
   static Pose displaced(const Pose& X, const Vector6& error) {
     return {exp_rotation(error.tail<3>()) * X.rotation, X.position + error.head<3>()};
   }
@@ -356,7 +366,7 @@ class HybridForce final : public Controllet {
     return left;
   }
 
-  // Contact is shown for axes that are not selected, too.
+  // Contact is also shown for axes that are not selected.
   void watch(const WeightedAxes& axes, const Vector6& F_d, const Vector6& F_hat, ModelTerms& terms,
              const ControlContext& context) {
     const Vector6 desired = axes.in_frame(F_d), estimated = axes.in_frame(F_hat);
@@ -381,10 +391,10 @@ class HybridForce final : public Controllet {
     const double room[] = {room_for(0, axes, pulled.head<3>(), contact.spring_force, context.dt),
                            room_for(1, axes, pulled.tail<3>(), contact.spring_moment, context.dt)};
     const AxisSettings settings[] = {force_axis(axes, context, goal_speed), moment_axis(axes, context)};
-    // All axes of a kind together keep to the bound.
+    // All axes of a kind together respect the bound.
     const double limit[] = {contact.hand_speed / axes.parts(0), turn_limit(axes, contact)};
-    // What an axis bears unfelt ends at 1.5 times the limit, or at kTopTurning, although it falls no more
-    // steeply than the axis bears.
+    // The force allowed without reaction ends at 1.5 times the limit, or at kTopTurning, but never falls more
+    // steeply than the axis can bear.
     const double falls[] = {limit[0], (kTopTurning / kTurnLimit - 0.5) * limit[1]};
     for (std::size_t i = 0; i < kAxes; ++i) {
       const auto k = static_cast<Eigen::Index>(i);
@@ -401,13 +411,13 @@ class HybridForce final : public Controllet {
       const double f = axis_[i].update(settings[kind], now, context.dt);
       command[k] = f * share_at_axis_speed(f, f < 0 ? -V[k] : V[k], limit[kind], steepest);
     }
-    // While axes fade, the pull along them and their forces are not at right angles.
+    // While axes fade, the pull along them is not perpendicular to their forces.
     command.head<3>() *= largest_share(pulled.head<3>(), command.head<3>(), contact.spring_force);
     command.tail<3>() *= largest_share(pulled.tail<3>(), command.tail<3>(), contact.spring_moment);
     return command;
   }
 
-  // What each selected axis may reach: all of them, with the pull across them, keep to the bound.
+  // Bound of each selected axis: all of them, with the pull across them, respect the total.
   double room_for(std::size_t kind, const WeightedAxes& axes, const Vector3& pulled, double most, double dt) {
     const Vector3 weight = axes.weight.segment<3>(static_cast<Eigen::Index>(3 * kind));
     const Vector3 across = (weight.array() > 0).select(0.0, pulled);
@@ -435,7 +445,7 @@ class HybridForce final : public Controllet {
     return axes.weight.cwiseProduct(d).cwiseProduct(axes.in_frame(terms.V_WE().vector));
   }
 
-  // v_a has what the set-point's own motion across the selected axes leaves of the hand's speed.
+  // v_a uses the part of the hand's speed left by the set-point's motion across the selected axes.
   static AxisSettings force_axis(const WeightedAxes& axes, const ControlContext& context,
                                  const Vector3& goal_speed) {
     const ParameterSet& parameters = *context.parameters;
@@ -462,7 +472,7 @@ class HybridForce final : public Controllet {
   std::array<ForceRoom, 2> room_;       // of forces and of moments
   std::size_t frame_ = 0;               // of the axes that are selected now
   Matrix3 R_EF_ = Matrix3::Identity();  // the force frame in E, if it moves with E
-  Pose offset_;                         // of the set-point against the input: R_d = R_o R, p_d = p + p_o
+  Pose offset_;                         // of the set-point relative to the input: R_d = R_o R, p_d = p + p_o
   bool displaced_ = false, waits_ = false;
   std::array<std::uint64_t, kAxes> planned_{};  // goals of the input while the axis had a force
   // The wrench of the axes in the last tick, about E as it is now, and what is left of it after E was

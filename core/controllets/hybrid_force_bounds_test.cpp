@@ -114,8 +114,10 @@ TEST(HybridForceBounds, ForcesAndSpringTogetherKeepToTheBounds) {
     const Pose start = bench.rig.input("pose").pose();
     bench.rig.input("pose").set(
         pose_target({exp_rotation(draw.vector3(1)) * start.rotation, start.position + draw.vector3(0.4)}));
-    bench.want(six(draw.vector3(90), draw.vector3(20)));
-    bench.feel(six(draw.vector3(20), draw.vector3(3)));
+    const Vector3 moment = draw.vector3(20);
+    bench.want(six(draw.vector3(90), moment));
+    const Vector3 felt = draw.vector3(3);
+    bench.feel(six(draw.vector3(20), felt));
     for (int t = 0; t < 3000; ++t) {
       if (t % 500 == 250) bench.select(static_cast<int>(draw.index(6)), draw.coin());
       bench.ticks(1);

@@ -1,15 +1,12 @@
 // Forces and moments along any subset of axes: the law against textbook algebra, and closed loops with the
 // arm's own equations of motion against springs of closed form. Its bounds: hybrid_force_bounds_test.cpp.
-#include "core/controllets/hybrid_force.hpp"
-
 #include <limits>
 #include <string>
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/cartesian_impedance.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/damping_design.hpp"
-#include "core/controllets/force.hpp"
 #include "core/testing/dense_algebra.hpp"
 #include "core/testing/hybrid_force_bench.hpp"
 
@@ -294,8 +291,10 @@ TEST(HybridForce, SelectingAndReleasingCausesNoStep) {
     bench.rig.input("pose").set(
         pose_target({exp_rotation(0.2 * draw.vector3(1).normalized()) * start.rotation,
                      start.position + 0.05 * draw.vector3(1).normalized()}));
-    bench.want(six(draw.vector3(15), draw.vector3(1)));
-    bench.feel(six(draw.vector3(15), draw.vector3(1)));
+    Vector3 moment = draw.vector3(1);
+    bench.want(six(draw.vector3(15), moment));
+    moment = draw.vector3(1);
+    bench.feel(six(draw.vector3(15), moment));
     bench.ticks(2500);
     JointVector before = bench.rig.tau(0);
     double step = 0, changed = 0;
@@ -307,7 +306,10 @@ TEST(HybridForce, SelectingAndReleasingCausesNoStep) {
       }
       if (t % 1000 == 500) bench.rig.approach("force_proportional", {draw.uniform(0, 0.3)});
       if (t % 2000 == 700) bench.rig.set("force_frame", {t % 4000 == 700 ? 1.0 : 0.0});
-      if (t % 1500 == 900) bench.feel(six(draw.vector3(15), draw.vector3(1)));
+      if (t % 1500 == 900) {
+        moment = draw.vector3(1);
+        bench.feel(six(draw.vector3(15), moment));
+      }
       bench.ticks(1);
       step = std::max(step, (bench.rig.tau(0) - before).cwiseAbs().maxCoeff());
       changed = std::max(changed, (bench.rig.tau(0) - at_first).cwiseAbs().maxCoeff());

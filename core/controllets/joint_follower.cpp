@@ -1,9 +1,8 @@
-#include "core/controllets/joint_follower.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/following.hpp"
 #include "core/controllets/joint_law.hpp"
 #include "core/types/carriage_speed.hpp"
@@ -11,6 +10,8 @@
 namespace multipanda {
 namespace {
 
+// One arm follows the joints of another, which it observes and does not own. Law, alignment, clutch and
+// parameters: docs/controllets/teleoperation.md.
 class JointFollower final : public Controllet {
  public:
   explicit JointFollower(ArmModels arms) {
@@ -48,8 +49,9 @@ class JointFollower final : public Controllet {
         .outputs = spec_table<kOutputCount>(
             output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
             output_at<kLargestLag>("largest_lag_rad",
-                                   "Largest way of a joint from its set-point to where the leader leads."),
-            output_at<kSlipped>("slipped", kSlippedDoc))};
+                                   "Largest distance of a joint's set-point from the leader's goal."),
+            output_at<kSlipped>("slipped", kSlippedDoc),
+            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc))};
   }
 
   LawResult start(ControlContext& context) override {
@@ -88,17 +90,18 @@ class JointFollower final : public Controllet {
     context.outputs[kLargestError] = (q_d_ - arm.q()).lpNorm<Eigen::Infinity>();
     context.outputs[kLargestLag] = (q_goal_ - q_d_).lpNorm<Eigen::Infinity>();
     context.outputs[kSlipped] = clutch_.slipped() ? 1 : 0;
+    context.outputs[kStiffnessShare] = pull.stiffness_share;
     return result;
   }
 
  private:
   enum Parameter : std::size_t { kStiffness, kDampingRatio, kClutch, kAlignment, kScale, kParameterCount };
-  enum Output : std::size_t { kLargestError, kLargestLag, kSlipped, kOutputCount };
+  enum Output : std::size_t { kLargestError, kLargestLag, kSlipped, kStiffnessShare, kOutputCount };
 
-  // They limit the vector of all joints.
+  // Limits of the vector of all joints.
   static constexpr double kSpeed = 1, kAcceleration = 2.5, kJerk = 200;  // [rad/s], [rad/s^2], [rad/s^3]
 
-  // How far the joints, all of them together, may be left behind [rad].
+  // Largest lag of all joints together [rad].
   static constexpr double kLargestLagOfAJoint = 0.6;
 
   // Moves q_led_ with the leader, and q_goal_, which stays within the arm's own limits or where it began.

@@ -1,11 +1,15 @@
-#include "core/controllets/joint_impedance.hpp"
-
-#include "core/controllets/bearable_damping.hpp"
+#include "core/controllets/builtins.hpp"
+#include "core/controllets/damping_design.hpp"
 #include "core/controllets/joint_law.hpp"
 
 namespace multipanda {
 namespace {
 
+// Joint impedance: each joint is a spring and damper about its set-point.
+//   tau = K (q_d - q) + D (dq_d - dq) + C dq  (+ M ddq_d)
+// Closed loop (exact model, with M ddq_d): M dde + (C + D) de + K e = -tau_ext, e = q_d - q; at rest an
+// external torque deflects by K^-1 tau_ext. K [N m/rad]. D [N m s/rad] is designed from the full M and K
+// (every mode has damping ratio zeta), for each joint alone, or given; it acts on de or, if chosen, on -dq.
 class JointImpedance final : public Controllet {
  public:
   explicit JointImpedance(ArmModels arms) : model_(arms[0]), bearable_(bearable_damping(*model_)) {}
@@ -43,7 +47,8 @@ class JointImpedance final : public Controllet {
                      "cycle before. 1: dq itself."})),
         .outputs = spec_table<kOutputCount>(
             output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
-            output_at<kLargestTorque>("largest_torque_nm", "Largest |tau| of all joints.")),
+            output_at<kLargestTorque>("largest_torque_nm", "Largest |tau| of all joints."),
+            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc)),
         .presets = {{"reference",
                      "The manufacturer's joint impedance example: its gains, D on a hardly filtered dq, no "
                      "feed-forward.",
@@ -84,6 +89,7 @@ class JointImpedance final : public Controllet {
     reference.resist(pull.torque, pull.share);
     context.outputs[kLargestError] = (target.q_d - arm.q()).lpNorm<Eigen::Infinity>();
     context.outputs[kLargestTorque] = arm.tau->lpNorm<Eigen::Infinity>();
+    context.outputs[kStiffnessShare] = pull.stiffness_share;
     return LawResult::ok;
   }
 
@@ -99,7 +105,7 @@ class JointImpedance final : public Controllet {
     kVelocityWeight,
     kParameterCount
   };
-  enum Output : std::size_t { kLargestError, kLargestTorque, kOutputCount };
+  enum Output : std::size_t { kLargestError, kLargestTorque, kStiffnessShare, kOutputCount };
 
   std::shared_ptr<const ArmModel> model_;
   JointVector bearable_;  // greatest damping of each joint [N m s/rad] (n x 1)

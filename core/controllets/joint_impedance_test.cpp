@@ -1,7 +1,6 @@
-#include "core/controllets/joint_impedance.hpp"
-
 #include <gtest/gtest.h>
 
+#include "core/controllets/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
 #include "core/testing/plain_arm.hpp"
@@ -13,7 +12,14 @@ using namespace test;
 
 struct Bench {
   explicit Bench(std::size_t joints, const Pose& X_WB = {})
-      : arm(TestArm::make(joints)), plain(arm, X_WB), rig(joint_impedance_controllet(), {arm.model(X_WB)}) {}
+      : arm(TestArm::make(joints)),
+        plain(arm, X_WB),
+        rig(joint_impedance_controllet(), {with_motors(arm.source(X_WB), joints)}) {}
+  // That bear all gains as they are.
+  static std::shared_ptr<const ArmModel> with_motors(ArmModelSource source, std::size_t joints) {
+    source.motor_inertia = joint_constant(joints, 1);
+    return std::make_shared<const ArmModel>(std::move(source));
+  }
   TestArm arm;
   PlainArm plain;
   ControlletRig rig;
@@ -34,7 +40,7 @@ TEST(JointImpedance, TorqueIsTheStatedLaw) {
       Bench bench(n, draw.pose(1));
       bench.rig.set("damping_ratio", {0.8});
       bench.rig.set("damping_design", {design});
-      std::vector<double> given{3, 1, 2, 0.5, 4, 0.2, 0.7};
+      std::vector<double> given{7, 6.5, 8, 6.2, 4, 1.7, 0.7};
       given.resize(n);
       bench.rig.set("damping_nms_per_rad", given);
       ASSERT_EQ(bench.rig.start(), LawResult::ok);
@@ -135,6 +141,26 @@ TEST(JointImpedance, NotANumberIsAFault) {
       bench.rig.place(0, q, dq);
       EXPECT_EQ(bench.rig.update(), LawResult::fault);
     }
+  }
+}
+
+// Joints without stiffness are braked and not led, whatever the design of their damping.
+TEST(JointImpedance, JointsWithoutStiffnessAreBrakedAndNotLed) {
+  Draw draw(45);
+  for (const double design : {0.0, 1.0, 2.0}) {
+    Bench bench(7);
+    bench.rig.set("stiffness_nm_per_rad", {0});
+    bench.rig.set("damping_design", {design});
+    bench.rig.set("damping_nms_per_rad", {0});
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    bench.rig.input("joints").set(joints_target(bent(7) + draw.joints(7, 0.3), 1.0));
+    for (int k = 0; k < 300; ++k) ASSERT_EQ(bench.rig.tick(0.001), LawResult::ok);
+    EXPECT_LT((bench.rig.tau(0) - bench.rig.terms(0).c()).norm(), 1e-9);
+    const JointVector dq = draw.joints(7, 0.7);
+    bench.rig.place(0, bent(7), dq);
+    ASSERT_EQ(bench.rig.update(), LawResult::ok);
+    const Eigen::VectorXd brake = -2 * bench.plain.mass(bent(7)) * Eigen::VectorXd(dq);
+    EXPECT_LT((bench.rig.tau(0) - bench.rig.terms(0).c() - JointVector(brake)).norm(), 1e-6);
   }
 }
 

@@ -3,7 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/controllets/carriage.hpp"
+#include "core/controllets/contact_bounds.hpp"
+#include "core/types/time.hpp"
 
 namespace multipanda {
 namespace {
@@ -45,7 +46,56 @@ void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, cons
   if (bounded.factor() < 1) tau -= (1 - bounded.factor()) * pull;
 }
 
+// D (n x n) of the softened stiffness K (n x n). What is chosen for each joint alone may be more than all of
+// them bear together.
+JointMatrix damping_of(const JointGains& gains, const JointMatrix& K, const JointVector& led,
+                       ModelTerms& terms) {
+  const JointMatrix& M = terms.M();
+  JointMatrix D;
+  if (gains.design == JointGains::Damping::coupled) {
+    D = coupled_damping(M, K, gains.damping_ratio);
+  } else {
+    const bool given = gains.design == JointGains::Damping::given;
+    D = (given ? gains.given
+               : JointVector(
+                     diagonal_damping(M, gains.stiffness, gains.damping_ratio).cwiseMin(gains.bearable)))
+            .asDiagonal();
+    limit_modes(mass_with_motors(terms), given ? kBearableShare / kArmPeriod : kLargestModalDamping, D);
+  }
+  if (gains.design != JointGains::Damping::coupled || states_motors(terms.model()))
+    raise_modes(M, JointMatrix(kLeastDampingTime * K), D);
+  if (led.minCoeff() < 1) {
+    const JointVector coasts = JointVector::Ones(led.size()) - led;
+    D += kBrake * (coasts.asDiagonal() * M * coasts.asDiagonal());
+    limit_modes(mass_with_motors(terms), kLargestModalDamping, D);
+  }
+  return D;
+}
+
 }  // namespace
+
+Elbow::Elbow(ModelTerms& terms) {
+  const std::size_t middle = terms.joint_count() / 2;
+  J_.setZero(3, static_cast<Eigen::Index>(terms.joint_count()));
+  if (middle > 0) terms.point_jacobian(middle - 1, terms.X_WJ(middle).position, J_);
+  see_inertia(terms, kDamping);
+}
+
+Elbow::Elbow(ModelTerms& terms, std::size_t joint, const Vector3& p_W) {
+  J_.setZero(3, static_cast<Eigen::Index>(terms.joint_count()));
+  terms.point_jacobian(joint, p_W, J_);
+  see_inertia(terms, kDampingOfPoint);
+}
+
+void Elbow::see_inertia(ModelTerms& terms, double damping) {
+  J_M_.setZero(3, J_.cols());
+  const Eigen::LLT<JointMatrix> M(terms.M());
+  for (Eigen::Index row = 0; row < 3; ++row) J_M_.row(row) = M.solve(JointVector(J_.row(row))).transpose();
+  const Matrix3 A = J_M_.lazyProduct(J_.transpose());
+  inertia_ = (A + damping * Matrix3::Identity()).inverse();
+}
+
+Vector3 Elbow::force(const JointVector& tau) const { return inertia_ * Vector3(J_M_.lazyProduct(tau)); }
 
 ParameterSpec joint_stiffness_parameter() {
   return {.name = "stiffness_nm_per_rad",
@@ -53,7 +103,9 @@ ParameterSpec joint_stiffness_parameter() {
           .size = ParameterSpec::kPerJoint,
           .initial = {600, 600, 600, 600, 250, 150, 50, 50, 50, 50, 50, 50, 50, 50, 50, 50},
           .max = 1000,
-          .doc = "Joint stiffness K."};
+          .doc =
+              "Joint stiffness K. Modes that the arm's inertia makes faster than 150 rad/s are softened to "
+              "that (stiffness_share)."};
 }
 
 ParameterSpec joint_damping_ratio_parameter() {
@@ -67,35 +119,19 @@ ParameterSpec joint_damping_ratio_parameter() {
 LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
                               const ContactBounds& contact, OwnedArm& arm, JointPull& pull) {
   const JointMatrix& M = arm.terms->M();
-  const JointVector& K = gains.stiffness;
   const JointVector error = target.q_d - arm.q();
-  const JointVector velocity_error =
-      gains.damping_of == DampingOf::velocity ? JointVector(-dq) : JointVector(target.dq_d - dq);
-  const JointVector spring = K.cwiseProduct(error);
+  JointMatrix K = gains.stiffness.asDiagonal();
+  pull = {JointVector::Zero(arm.q().size()), 0, 0, soften(mass_with_motors(*arm.terms), K)};
+  const JointVector spring = K.lazyProduct(error);
+  const JointVector led = led_shares(gains.stiffness, arm.model());
+  const JointMatrix D = damping_of(gains, K, led, *arm.terms);
+  const JointVector velocity_error = gains.damping_of == DampingOf::velocity
+                                         ? JointVector(-dq)
+                                         : JointVector(led.cwiseProduct(target.dq_d) - dq);
+  const JointVector damping = D.lazyProduct(dq);
   JointVector tau = spring + arm.terms->c();
-  JointVector damping;  // D dq
-  switch (gains.design) {
-    case JointGains::Damping::coupled: {
-      const JointMatrix D = joint_damping(M, K, gains.damping_ratio);
-      tau += D.lazyProduct(velocity_error);
-      damping = D.lazyProduct(dq);
-      break;
-    }
-    case JointGains::Damping::diagonal: {  // of each joint while all others stand still, so perhaps more than
-                                           // it bears
-      const JointVector D = diagonal_damping(M, K, gains.damping_ratio).cwiseMin(gains.bearable);
-      tau += D.cwiseProduct(velocity_error);
-      damping = D.cwiseProduct(dq);
-      break;
-    }
-    case JointGains::Damping::given: {
-      tau += gains.given.cwiseProduct(velocity_error);
-      damping = gains.given.cwiseProduct(dq);
-      break;
-    }
-  }
-  if (gains.acceleration_feedforward) tau += M.lazyProduct(target.ddq_d);
-  pull = {JointVector::Zero(arm.q().size()), 0, 0};
+  tau += D.lazyProduct(velocity_error);
+  if (gains.acceleration_feedforward) tau += M.lazyProduct(JointVector(led.cwiseProduct(target.ddq_d)));
   if (gains.elbow != nullptr || std::isfinite(contact.spring_force + contact.spring_moment))
     bound(contact, gains.elbow, arm, spring, damping, tau, pull);
   if (!tau.allFinite()) return LawResult::fault;

@@ -3,10 +3,7 @@
 #include <Eigen/Geometry>
 #include <gtest/gtest.h>
 
-#include "core/controllets/cartesian_impedance.hpp"
-#include "core/controllets/coupled_dual_cartesian_impedance.hpp"
-#include "core/controllets/dual_cartesian_impedance.hpp"
-#include "core/controllets/joint_impedance.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/moving_law.hpp"
 
 namespace multipanda::law_outputs_test {

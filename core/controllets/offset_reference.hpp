@@ -10,14 +10,15 @@ namespace multipanda {
 class OffsetReference {
  public:
   OffsetReference();
-  void start(const Vector3& offset);  // here, at rest
+  void start(const Vector3& offset);  // starts at this offset, at rest
   // Advances by dt towards `goal`. `max_speed`: of the input that the offset displaces [m/s].
   void advance(const Vector3& goal, double max_speed, double dt);
 
   const Vector3& position() const { return reference_.pose().position; }  // [m]
   Vector3 velocity() const { return reference_.twist().linear(); }
   Vector3 acceleration() const { return reference_.acceleration().linear(); }
-  // The most that it adds to the speed of what it displaces until it is there [m/s]; `max_speed` as above.
+  // Largest contribution to the speed of the displaced set-point until the goal is reached [m/s]; `max_speed`
+  // as above.
   double top_speed(double max_speed) const;
 
   // Share of the input's speed limit. Two hands that a common offset moves towards each other meet at no more

@@ -2,8 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/coupled_dual_cartesian_impedance.hpp"
-#include "core/controllets/dual_cartesian_impedance.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/test_arm.hpp"
 

@@ -61,7 +61,7 @@ class ParameterSet {
                 std::span<const double> values) const;  // wrong_size, not_finite, out_of_bounds
   // Upper bound of number k: the spec's, or the lower one of this arm.
   double max(std::size_t i, std::size_t k) const { return entries_[i].max[k]; }
-  // Why an arm has lower bounds than the spec; empty if it has not.
+  // Reason for bounds below those of the spec; empty: none are.
   const std::string& bound_reason(std::size_t i) const { return entries_[i].bound_reason; }
   // The target value. Any thread except the loop's, since it allocates. While another thread sets it, some
   // numbers may still be old.

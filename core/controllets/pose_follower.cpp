@@ -1,10 +1,11 @@
-#include "core/controllets/pose_follower.hpp"
-
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/following.hpp"
 
 namespace multipanda {
 namespace {
 
+// One arm follows the hand of another, which it observes and does not own. Law, alignment, clutch and
+// parameters: docs/controllets/teleoperation.md.
 class PoseFollower final : public Controllet {
  public:
   static ControlletDescriptor descriptor() {
@@ -18,7 +19,7 @@ class PoseFollower final : public Controllet {
                                             parameter_at<kScale>(leading_scale_parameter())),
             .outputs = spec_table<kOutputCount>(
                 cartesian_outputs(),
-                output_at<kLag, 3>("lag_m", "Way from the set-point to where the leader leads, world axes."),
+                output_at<kLag, 3>("lag_m", "Distance from the set-point to the leader's goal, world axes."),
                 output_at<kSlipped>("slipped", kSlippedDoc))};
   }
 
@@ -72,7 +73,7 @@ class PoseFollower final : public Controllet {
   };
   enum Output : std::size_t { kLag = kCartesianOutputSize, kSlipped = kLag + 3, kOutputCount };
 
-  // Where the leader leads in this tick.
+  // The leader's goal in this tick.
   void lead(const ControlContext& context) {
     const ParameterSet& parameters = *context.parameters;
     const OwnedArm& leader = context.observed[0];

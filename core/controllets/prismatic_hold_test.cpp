@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/hold.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/carriage.hpp"
 #include "core/testing/controllet_rig.hpp"
 

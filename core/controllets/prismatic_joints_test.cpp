@@ -1,16 +1,15 @@
 // Laws, features and the safety stage on prismatic joints: N/m where revolute joints have N m/rad.
+#include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/cartesian_impedance.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/cartesian_law.hpp"
-#include "core/controllets/gravity_compensation.hpp"
-#include "core/controllets/hold.hpp"
-#include "core/controllets/joint_follower.hpp"
-#include "core/controllets/joint_impedance.hpp"
 #include "core/controllets/prismatic_parameters.hpp"
-#include "core/features/joint_limits.hpp"
+#include "core/features/bounded_drive.hpp"
+#include "core/features/builtins.hpp"
 #include "core/safety/safety.hpp"
 #include "core/testing/carriage.hpp"
 #include "core/testing/controllet_rig.hpp"
@@ -273,7 +272,7 @@ TEST(PrismaticJoints, ArePushedBackWithinTheBoundForContact) {
   ASSERT_EQ(rig.start(), LawResult::ok);
   const auto force = [&](double q) {
     rig.place(0, one(q), one(0));
-    EXPECT_EQ(rig.update(), LawResult::ok);
+    for (int k = 0; k < 101; ++k) EXPECT_EQ(rig.tick(0.001), LawResult::ok);  // it has come in
     return rig.tau(0)[0];
   };
   EXPECT_NEAR(force(0.7), -60, 1e-9);
@@ -334,6 +333,32 @@ TEST(PrismaticJoints, FollowOnlyJointsOfTheirKind) {
   const auto slides = axis(25), turns = TestArm::make(1).model();
   EXPECT_THROW(ControlletRig(joint_follower_controllet(), {slides, turns}), std::invalid_argument);
   EXPECT_NO_THROW(ControlletRig(joint_follower_controllet(), {slides, axis(10)}));
+}
+
+// Many shapes of an arm near a wall push its carriage, which the hand hardly feels.
+TEST(PrismaticJoints, AreDrivenByAFeatureAsAHandIs) {
+  const auto model = arm_on_axis();
+  ModelTerms terms(model);
+  ArmState state;
+  state.q = model->q_home();
+  state.dq = joint_constant(8, 0);
+  terms.update(state.q, state.dq);
+  JointVector tau = state.dq, law = state.dq;
+  const OwnedArm arm{&state, &terms, &tau};
+  std::array scene{OwnedArm{&state, &terms, &law}};
+  ControlContext context;
+  context.dt = 0.2;  // it comes in at once
+  context.scene_arms = scene;
+  context.contact = {};
+  const double most = context.contact.spring_force;
+  for (const double side : {1.0, -1.0}) {
+    const JointVector push = side * 600 * JointVector::Unit(8, 0);
+    for (const double pressed : {0.0, 0.5, 2.0}) {
+      law[0] = -side * pressed * most;
+      const double expected = most * (1 + std::min(1.0, pressed));
+      EXPECT_NEAR(side * BoundedDrive().limit(context, arm, push)[0], expected, 1e-9) << side << pressed;
+    }
+  }
 }
 
 }  // namespace

@@ -17,11 +17,11 @@ inline constexpr double kMostPrismaticDamping = 5000;     // [N s/m]
 // as a Panda's first joint does on its default. 500 to 20 000 N/m, in whole hundreds.
 double usual_prismatic_stiffness(const ArmModel& model, std::size_t joint);
 
-// `spec` with the bound and unit of an arm that has prismatic joints; a parameter of another kind as it is.
+// `spec` with the bound and unit for an arm with prismatic joints; other kinds of parameters unchanged.
 // Bounds of its revolute joints: bound_revolute_joints().
 ParameterSpec with_prismatic_joints(ParameterSpec spec);
 
-// The specs of a law for one arm: as they are, if it has no prismatic joints.
+// The specs of a law for one arm; unchanged without prismatic joints.
 std::vector<ParameterSpec> specs_for(const std::vector<ParameterSpec>& specs, const ArmModel& model);
 // Lowers the bounds of revolute joints to those of `specs` again.
 void bound_revolute_joints(const std::vector<ParameterSpec>& specs, const ArmModel& model,

@@ -5,8 +5,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/cartesian_impedance.hpp"
-#include "core/controllets/joint_impedance.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/test_arm.hpp"
 #include "models/arm_source.hpp"

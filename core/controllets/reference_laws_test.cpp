@@ -2,9 +2,8 @@
 // damped pseudo-inverse and null-space damping as printed. Against closed forms and dense algebra.
 #include <gtest/gtest.h>
 
-#include "core/controllets/cartesian_impedance.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/cartesian_law.hpp"
-#include "core/controllets/joint_impedance.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
 #include "core/testing/plain_arm.hpp"
@@ -62,6 +61,7 @@ TEST(ReferenceJointLaw, DampsTheLowPassedVelocity) {
   bench.rig.set("damping_design", {2});
   bench.rig.set("damping_of", {1});
   bench.rig.set("velocity_weight", {0.75});
+  bench.rig.set("stiffness_nm_per_rad", {50, 50, 50, 20, 20, 10, 5});  // that these dampings bear
   const std::vector<double> D{2, 1, 2, 0.5, 1, 0.2, 0.1};
   bench.rig.set("damping_nms_per_rad", D);
   ASSERT_EQ(bench.rig.start(), LawResult::ok);
@@ -201,7 +201,9 @@ TEST(LimitedDamping, LimitsEveryModeAndNoOther) {
     const Matrix6 inertia = spd(1), D = spd(trial % 2 == 0 ? 500 : 3);
     const MatrixXd half = symmetric_square_root(inverse(inertia));
     const VectorXd before = symmetric_eigenvalues(half * D * half);
-    const Matrix6 limited = limited_damping(inertia, D);
+    Matrix6 limited = D;
+    const double share = limit_modes(inertia, 300, limited);
+    EXPECT_NEAR(share, std::min(1.0, 300 / before.maxCoeff()), 1e-9);
     EXPECT_NEAR((limited - limited.transpose()).norm(), 0, 1e-9 * limited.norm());
     const VectorXd after = symmetric_eigenvalues(half * limited * half);
     EXPECT_NEAR((after - before.cwiseMin(300)).norm(), 0, 1e-6 * 300);

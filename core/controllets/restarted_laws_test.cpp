@@ -2,19 +2,7 @@
 // gives from there.
 #include <gtest/gtest.h>
 
-#include "core/controllets/cartesian_impedance.hpp"
-#include "core/controllets/coupled_dual_cartesian_impedance.hpp"
-#include "core/controllets/coupled_ufic.hpp"
-#include "core/controllets/dual_cartesian_impedance.hpp"
-#include "core/controllets/force.hpp"
-#include "core/controllets/gravity_compensation.hpp"
-#include "core/controllets/hold.hpp"
-#include "core/controllets/hybrid_force.hpp"
-#include "core/controllets/joint_follower.hpp"
-#include "core/controllets/joint_impedance.hpp"
-#include "core/controllets/pose_follower.hpp"
-#include "core/controllets/teleoperation.hpp"
-#include "core/controllets/ufic.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/moving_law.hpp"
 
 namespace multipanda::restarted_laws_test {

@@ -17,9 +17,9 @@ class SetPointBlend {
 
   // Starts at X_now and captures its difference from the rule. `hand_speed`: what the hand may reach [m/s].
   void capture(const Pose& X_now, const Pose& X_rule, double hand_speed);
-  // Nothing of the difference is left, or there was none.
+  // Whether the difference has vanished, or there was none.
   bool over() const { return t_ >= duration_ || (p_dev_.norm() < 1e-6 && r_dev_.norm() < 1e-6); }
-  // The most that it adds to the speed of the hand until it is over [m/s].
+  // Largest contribution to the speed of the hand until it ends [m/s].
   double top_speed() const { return over() ? 0 : rest_to_rest_speed(p_dev_.norm(), duration_); }
   // The blended set-point of this cycle; `rule` counts as moving if its velocity is not zero.
   CartesianTarget advance(const CartesianTarget& rule, double dt);

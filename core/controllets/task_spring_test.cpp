@@ -45,7 +45,8 @@ TEST(TaskSpring, IsMinusTheGradientOfItsEnergy) {
 TEST(TaskSpring, EqualStiffnessGivesTheUsualLaw) {
   Draw draw(22);
   for (int trial = 0; trial < 100; ++trial) {
-    const Eigen::AngleAxisd turn(draw.uniform(0, 2.6), unit(draw));
+    const Vector3 axis = unit(draw);
+    const Eigen::AngleAxisd turn(draw.uniform(0, 2.6), axis);
     const Pose X_d = draw.pose(1);
     const Pose X{turn.toRotationMatrix().transpose() * X_d.rotation, X_d.position};
     const Vector6 F =

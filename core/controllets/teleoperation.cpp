@@ -1,17 +1,75 @@
-#include "core/controllets/teleoperation.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/damping_design.hpp"
+#include "core/controllets/energy_balance.hpp"
+#include "core/controllets/energy_tank.hpp"
 #include "core/controllets/force_law.hpp"
 #include "core/controllets/teleoperation_channel.hpp"
 #include "core/controllets/teleoperation_descriptor.hpp"
-#include "core/controllets/teleoperation_side.hpp"
 
 namespace multipanda::teleoperation {
 namespace {
+
+// One arm's energy: the tank supplies all work of the arm's torque, features and limits included.
+struct Side {
+  EnergyTank tank;
+  EnergyBalance balance;
+  double valve = 0;  // of the pull
+
+  void start(const OwnedArm& arm, double energy_j, const TankLimits& limits);
+  // Closes the last period: the torque was constant in it, so this work is exact.
+  void close(const OwnedArm& arm, const TankLimits& limits, double dt);
+  // What the tank lets through of a pull (6 x 1) [N, N m]: where it supplies power its valve's share, where
+  // it takes power all of it; and at most a tenth of the tank per tick. `V` (6 x 1) [m/s, rad/s] is the
+  // hand's twist, `D` [N s/m, N m s/rad] the damping of the law.
+  Vector6 let_through(const Vector6& pull, const Vector6& V, const Matrix6& D, const TankLimits& limits,
+                      double dt) const;
+};
+
+void Side::start(const OwnedArm& arm, double energy_j, const TankLimits& limits) {
+  tank.start(energy_j, limits);
+  balance.start(arm.q());
+  valve = tank.valve(limits);
+}
+
+void Side::close(const OwnedArm& arm, const TankLimits& limits, double dt) {
+  balance.close(arm.q(), arm.state->tau_J_d);
+  tank.give(balance.work(kForcePart) + balance.work_of_others());
+  valve = std::min(tank.valve(limits), valve + dt / Fade::kDuration);
+}
+
+Vector6 Side::let_through(const Vector6& pull, const Vector6& V, const Matrix6& D, const TankLimits& limits,
+                          double dt) const {
+  Vector6 passed = pull;
+  for (const Eigen::Index first : {0, 3}) {
+    const double size = pull.segment<3>(first).norm();
+    if (!(size > 1e-9)) continue;
+    const Vector3 n = pull.segment<3>(first) / size;
+    const double damping = n.dot(D.block<3, 3>(first, first) * n);
+    passed.segment<3>(first) *= force_share(ValveLaw::passive, 1, valve, n.dot(V.segment<3>(first)),
+                                            incoming_speed_for(size, 1, valve, damping));
+  }
+  return passed * tank.affordable(passed.dot(V) * dt, 0.1, limits);
+}
+
+// The share of a pull that the joints bear on top of the rest of the torque, with gravity and without: the
+// first is what a joint measures, which stops its arm beyond its limit, the second is the command, which has
+// the same limit. With 60 N and 15 N m a wrist of 12 N m soon gets there.
+double bearable_share(const OwnedArm& arm, const JointVector& pull, const JointVector& rest) {
+  constexpr double kShare = 0.9;  // of the limit
+  const JointVector& g = arm.terms->g();
+  double share = 1;
+  for (Eigen::Index i = 0; i < pull.size(); ++i) {
+    const double size = std::abs(pull[i]), way = pull[i] > 0 ? 1 : -1;
+    const double loaded = way * rest[i] + std::max(0.0, way * g[i]);
+    const double room = std::max(0.0, kShare * arm.model().limits().tau_max[i] - loaded);
+    if (size > room) share = std::min(share, room / size);
+  }
+  return share;
+}
 
 Vector6 rotated(const Matrix3& R, const Vector6& x) {
   Vector6 y;
@@ -19,6 +77,9 @@ Vector6 rotated(const Matrix3& R, const Vector6& x) {
   return y;
 }
 
+// Bilateral teleoperation: the first arm leads, the second follows, and the leader feels what the follower
+// meets. Two energy tanks and a channel that only passes energy on keep it passive with any delay and loss
+// (two layers: Franken et al., IEEE Transactions on Robotics 2011). Law: docs/controllets/teleoperation.md.
 class Teleoperation final : public Controllet {
  public:
   static ControlletDescriptor descriptor() { return teleoperation::descriptor(); }
@@ -70,7 +131,7 @@ class Teleoperation final : public Controllet {
   // leader's new end effector.)
   void end_effector_moved(ControlContext& /*context*/, std::size_t arm, const Pose& X) override {
     closed_ = false;
-    if (arm == 0) {  // what it feels fades out where it was
+    if (arm == 0) {  // the felt force fades out at its last value
       const Vector3 p_back = -(felt_.R * X.position);
       felt_.spring = shifted({felt_.spring}, p_back).vector;
       correction_.reset(shifted({correction_.value()}, p_back).vector);
@@ -101,7 +162,7 @@ class Teleoperation final : public Controllet {
     axes_ = axes;
   }
 
-  // Where the leader leads in this tick.
+  // The leader's goal in this tick.
   void lead(const ControlContext& context) {
     if (closed_) {
       led_.advance(context.arms[0], map_, context.parameters->number(kScale));
@@ -113,8 +174,8 @@ class Teleoperation final : public Controllet {
   // Both sides send, then receive: without delay in the same tick. The fuller tank gives to the other, as
   // far as it knows; what is lost on the way is gone.
   void exchange(const ControlContext& context, const TankLimits& limits) {
-    constexpr double kRate =
-        4;  // [1/s]: with 0.2 s of delay well below pi / (2 * 0.2 s), where it would swing
+    // [1/s]: with 0.2 s of delay well below pi / (2 * 0.2 s), where it would swing.
+    constexpr double kRate = 4;
     const auto gift = [&](EnergyTank& tank, const TeleoperationChannel& other) {
       if (!other.any()) return 0.0;
       const double surplus = std::max(0.0, tank.energy() - other.newest().tank);
@@ -164,7 +225,7 @@ class Teleoperation final : public Controllet {
       return;
     }
     slipped_ = true;
-    slipped_at_s_ = context.time_s;  // a clutch that was opened before does not end it
+    slipped_at_s_ = context.time_s;  // a clutch opened before does not end it
     aligned_ = 0;
   }
   double strain(const ControlContext& context) const {
@@ -175,9 +236,7 @@ class Teleoperation final : public Controllet {
   Pose to_led(const Pose& X) const { return {X.rotation * R_offset_.transpose(), X.position - p_offset_}; }
 
   static Vector6 wrench_at_hand(const OwnedArm& arm) {
-    if (!arm.state->has_wrench_estimate) return Vector6::Zero();
-    const Vector3 p_EK = arm.terms->X_WK().position - arm.terms->X_WE().position;
-    return shifted(arm.state->F_K_W_est, p_EK).vector;
+    return arm.state->has_wrench_estimate ? wrench_about_E(arm) : Vector6(Vector6::Zero());
   }
 
   LawResult follow(ControlContext& context, const TankLimits& limits) {
@@ -189,9 +248,10 @@ class Teleoperation final : public Controllet {
     } else {
       follows_.brake(arm.terms->X_WE(), strain(context), context.contact, context.dt);
     }
-    const ImpedanceGains gains = impedance_gains(parameters, context.contact);
     const CartesianTarget target = follows_.target();
     ModelTerms& terms = *arm.terms;
+    ImpedanceGains gains = impedance_gains(parameters, context.contact);
+    context.outputs[kStiffnessShare] = gains.soften(target.X_W_d.rotation, terms);
     const Vector6 V = terms.V_WE().vector;
     const TaskForce force = impedance_force(gains, target, terms);
     const Matrix3& R_d = target.X_W_d.rotation;
@@ -222,7 +282,7 @@ class Teleoperation final : public Controllet {
     return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
   }
 
-  // The leader: what it feels, and its damping.
+  // The leader: felt force and damping.
   LawResult reflect(ControlContext& context, const TankLimits& limits) {
     OwnedArm& arm = context.arms[0];
     const ParameterSet& parameters = *context.parameters;
@@ -286,7 +346,8 @@ class Teleoperation final : public Controllet {
   Coupling coupling_of(const ParameterSet& parameters, const OwnedArm& leader) const {
     const TeleoperationPacket& packet = to_leader_.newest();
     const double scale = parameters.number(kScale);
-    const ImpedanceGains gains = impedance_gains(parameters);
+    ImpedanceGains gains = impedance_gains(parameters);
+    gains.soften(packet.X.rotation, *leader.terms);
     const double stiffest = scale * gains.translational_stiffness.maxCoeff();
     const double turning = gains.rotational_stiffness.maxCoeff(), asked = parameters.number(kForceScale);
     const double force_scale =
@@ -303,6 +364,8 @@ class Teleoperation final : public Controllet {
                       .D = task_damping(leader.terms->task().Lambda, own, gains.damping_ratio),
                       .V = to_leader_.trust() * rotated(map_.transpose(), packet.V),
                       .R = leader.terms->X_WE().rotation};
+    if (states_motors(leader.model()))
+      raise_modes(leader.terms->task().Lambda, Matrix6(kLeastDampingTime * own), coupling.D);
     coupling.V.head<3>() /= scale;
     return coupling;
   }
@@ -317,7 +380,7 @@ class Teleoperation final : public Controllet {
     const double age = context.time_s - packet.sent_s,
                  cutoff =
                      std::min(parameters.number(kCutoff), 1 / (8 * std::numbers::pi * std::max(age, 1e-6)));
-    const bool by_estimate = needs_estimate(parameters);  // otherwise what is left of it fades
+    const bool by_estimate = needs_estimate(parameters);  // otherwise its remainder fades
     correction_.update(by_estimate ? Vector6(F - felt) : Vector6(Vector6::Zero()), cutoff, context.dt);
   }
 
@@ -363,9 +426,9 @@ class Teleoperation final : public Controllet {
   std::uint32_t alignments_ = 0;  // the leader's side: times that the clutch was closed
   bool faded_out_ = false;        // what the leader felt, since then
   bool unattended_ = false;       // nobody held the leader, until the clutch is opened
-  double driven_s_ = 0;           // for how long it was driven
+  double driven_s_ = 0;           // duration for which it was driven
   std::uint32_t aligned_ = 0;     // the follower's side: the one that it is aligned to; 0: none
-  bool slipped_ = false;          // it was left behind, until the clutch is opened
+  bool slipped_ = false;          // it lagged too far, until the clutch is opened
   double slipped_at_s_ = 0;
   Vector3 p_offset_ = Vector3::Zero();
   Matrix3 R_offset_ = Matrix3::Identity();

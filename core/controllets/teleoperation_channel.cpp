@@ -15,7 +15,7 @@ void TeleoperationChannel::start(std::uint32_t seed) {
 void TeleoperationChannel::send(const TeleoperationPacket& packet, double loss) {
   constexpr double kRange = std::minstd_rand::max() - std::minstd_rand::min() + 1.0;
   const double drawn =
-      static_cast<double>(random_() - std::minstd_rand::min()) / kRange;  // in every tick, lost or not
+      static_cast<double>(random_() - std::minstd_rand::min()) / kRange;  // drawn in every tick, lost or not
   if (drawn < loss || count_ == kCapacity) {
     lost_ += packet.energy;
     return;
@@ -36,7 +36,7 @@ double TeleoperationChannel::receive(double now_s, double delay_s, double dt) {
     first_ = (first_ + 1) % kCapacity;
     --count_;
   }
-  if (count_ == 0) under_way_ = 0;  // no rounding is left over
+  if (count_ == 0) under_way_ = 0;  // clears accumulated rounding
   const bool late = !any_ || now_s - newest_.sent_s > delay_s + kLate;
   trust_ = std::clamp(trust_ + (late ? -dt : dt) / kFade, 0.0, 1.0);
   return energy;

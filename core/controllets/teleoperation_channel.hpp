@@ -8,15 +8,15 @@
 
 namespace multipanda {
 
-// What one side of a teleoperation sends to the other, in the coordinates of the led hand.
+// Packet from one side of a teleoperation to the other, in the coordinates of the led hand.
 struct TeleoperationPacket {
   double sent_s = 0;            // loop time
   std::uint32_t alignment = 0;  // counts the times the clutch was closed; 0: it is open
-  Pose X;                       // leader: where it leads; follower: its hand
+  Pose X;                       // leader: its goal for the follower; follower: its hand
   Vector6 V = Vector6::Zero();  // of that pose [m/s, rad/s]
   Vector6 F = Vector6::Zero();  // follower: estimated wrench that it exerts, at its hand [N, N m]
   double energy = 0;            // taken from the sender's tank, for the receiver's [J]
-  double tank = 0;              // what is left in the sender's [J]
+  double tank = 0;              // remaining energy of the sender's tank [J]
 };
 
 // One direction of the connection between both sides: packets arrive in order, `delay` after they were sent,
@@ -29,10 +29,10 @@ class TeleoperationChannel {
   void start(std::uint32_t seed);
   // `loss`: the probability that the packet never arrives. Without room it is lost, too.
   void send(const TeleoperationPacket& packet, double loss);
-  // Takes what has arrived by now, once per tick of dt. Returns its energy [J].
+  // Receives all packets due, once per tick of dt. Returns their energy [J].
   double receive(double now_s, double delay_s, double dt);
 
-  bool any() const { return any_; }  // something has arrived since start()
+  bool any() const { return any_; }  // a packet has arrived since start()
   // How far the velocity of the newest packet counts, 0 to 1: it fades while packets are late, so that a
   // channel that falters neither drives on nor shakes a hand.
   double trust() const { return trust_; }

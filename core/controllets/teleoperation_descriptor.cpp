@@ -12,8 +12,8 @@ ControlletDescriptor descriptor() {
   return {
       .type = "teleoperation",
       .doc =
-          "The first arm, led by a person, leads the second and feels what it meets; passive by energy tanks "
-          "with any delay and loss between both.",
+          "A person guides the first arm, the second follows, and its contact forces are reflected; energy "
+          "tanks keep it passive for any delay and packet loss.",
       .arms = 2,
       .parameters = spec_table<kParameterCount>(
           cartesian,
@@ -100,11 +100,12 @@ ControlletDescriptor descriptor() {
           output_at<kFollowerForce, 3>("follower_force_n",
                                        "Force of the law on the follower's hand, world axes."),
           output_at<kFollowerForce + 3, 3>("follower_moment_nm", "Its moment."),
-          output_at<kError, 3>("position_error_m", "From the follower's hand to where the leader leads now."),
+          output_at<kError, 3>("position_error_m", "From the follower's hand to the leader's present goal."),
           output_at<kError + 3, 3>("orientation_error_rad", "The same, log(R_d R^T)."),
           output_at<kSlipped>("slipped",
                               "1: the follower was left behind, or nobody held the leader, so the "
-                              "clutch opened; set `clutch` to false and to true again."))};
+                              "clutch opened; set `clutch` to false and to true again."),
+          output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc))};
 }
 
 }  // namespace multipanda::teleoperation

@@ -41,6 +41,7 @@ enum Output : std::size_t {
   kFollowerForce = kLeaderForce + 6,
   kError = kFollowerForce + 6,
   kSlipped = kError + 6,
+  kStiffnessShare,
   kOutputCount
 };
 

@@ -1,11 +1,10 @@
 // Teleoperation on arms that the test places: where the follower is led to, and what the leader feels, from
 // the kinematics and dynamics of both arms written independently. Its energy: tests/teleoperation.
-#include "core/controllets/teleoperation.hpp"
-
 #include <cmath>
 
 #include <gtest/gtest.h>
 
+#include "core/controllets/builtins.hpp"
 #include "core/testing/moving_law.hpp"
 
 namespace multipanda::teleoperation_test {

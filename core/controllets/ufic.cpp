@@ -1,8 +1,7 @@
-#include "core/controllets/ufic.hpp"
-
 #include <algorithm>
 #include <cmath>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/energy_balance.hpp"
@@ -18,11 +17,18 @@ struct SpringState {
   TaskStiffness stiffness{Matrix3::Zero(), Matrix3::Zero()};
   Pose X_d;
   double scale = 1;   // s
-  double energy = 0;  // V at the tick's pose, not scaled [J]
+  double energy = 0;  // V at the tick's pose, unscaled [J]
 
   double energy_at(const Pose& X) const { return spring_energy(stiffness, pose_error(X_d, X)); }
 };
 
+// Unified force-impedance control (UFIC) of one arm with two energy tanks, after Schindlbeck and Haddadin
+// (ICRA 2015) and Haddadin and Shahriari (IJRR 2024). Valves and energy balance: docs/controllets/ufic.md.
+//   tau  = J^T (s K_c x~ + D_c (s V_d - V) + s Lambda A_d + n D_z (s v_d,n - v_n) + F_f')
+//          + N (s K_N (q_N - q) - D_N N^T dq) + C dq,          s = 1 + alpha_i
+//   F_f' = rho(f) n f + rho(F_t) F_t,   rho: force_share() in energy_tank.hpp. World axes; forces [N] are
+//   those that the arm exerts. Passive: kinetic energy + springs + tanks never grow by more than the work of
+//   the contacts.
 class Ufic final : public Controllet {
  public:
   static ControlletDescriptor descriptor() {
@@ -43,40 +49,7 @@ class Ufic final : public Controllet {
                                       "counts about selected axes only.",
                                .max_speed = 60})),
         .parameters = spec_table<kParameterCount>(
-            cartesian, group_at<kForceGroup>(force_parameters()),
-            parameter_at<kValveLaw>(choice_parameter(
-                "valve_law", {"passive", "paper"},
-                "How gamma and alpha_f scale the force part; 'paper', as printed, is not passive.")),
-            parameter_at<kReach>({.name = "d_max_m",
-                                  .unit = "m",
-                                  .initial = {0.02},
-                                  .min = 0.001,
-                                  .max = 1,
-                                  .doc = "Width of gamma: the force fades away from the last contact."}),
-            parameter_at<kTankStart>(
-                {.name = "tank_start_j",
-                 .unit = "J",
-                 .initial = {100},
-                 .max = 1000,
-                 .doc =
-                     "Initial energy of both tanks, clamped to their limits. The paper's K_p |F_d|^2 / 2 is "
-                     "above 100 J for any force above 1 N."}),
-            parameter_at<kTankMin>({.name = "tank_min_j",
-                                    .unit = "J",
-                                    .initial = {0},
-                                    .max = 1000,
-                                    .doc = "Minimum energy E_min."}),
-            parameter_at<kTankMax>({.name = "tank_max_j",
-                                    .unit = "J",
-                                    .initial = {100},
-                                    .max = 1000,
-                                    .doc = "Maximum energy E_max; energy returned above it is lost."}),
-            parameter_at<kTankClosing>({.name = "tank_closing_j",
-                                        .unit = "J",
-                                        .initial = {0.1},
-                                        .min = 0.01,
-                                        .max = 10,
-                                        .doc = "Range above E_min over which the valves close."}),
+            cartesian, group_at<kForceGroup>(force_parameters()), group_at<kTanks>(tank_parameters()),
             parameter_at<kPressDirection>(press_direction_parameter()),
             parameter_at<kFeedback>(choice_parameter(
                 "force_feedback", {"in_contact", "always"},
@@ -88,33 +61,15 @@ class Ufic final : public Controllet {
             output_at<kEstimated>("force_estimated_n", "F_hat along n."),
             output_at<kCommand>("force_command_n", "F_f' along n."),
             output_at<kInContact>("in_contact", "1 while contact is detected, otherwise 0."),
-            output_at<kGamma>("gamma_f", "gamma about the last contact."),
-            output_at<kAlphaForce>("alpha_f", "Valve of the force tank."),
-            output_at<kAlphaImpedance>("alpha_i",
-                                       "Valve of the impedance tank: 0 keeps the spring, -1 removes it."),
-            output_at<kForceTank>("force_tank_j", "Energy of the force tank."),
-            output_at<kImpedanceTank>("impedance_tank_j", "Energy of the impedance tank."),
-            output_at<kStored>("stored_energy_j", "Kinetic energy + spring + both tanks."),
-            output_at<kSpringPower>("power_task_spring_w",
-                                    "Power of the spring into the arm, mean of the last period."),
-            output_at<kDampingPower>("power_task_damping_w", "The same for -D_c V."),
-            output_at<kFeedforwardPower>("power_feedforward_w",
-                                         "The same for the set-point's part, (D_c + D_z) V_d + Lambda A_d."),
-            output_at<kNullSpacePower>("power_nullspace_w", "The same for the null space."),
-            output_at<kCoriolisPower>("power_coriolis_w", "The same for C dq."),
-            output_at<kForcePower>("power_force_w", "The same for F_f'."),
-            output_at<kForceDampingPower>("power_force_damping_w", "The same for D_z."),
-            output_at<kSetPointPower>("power_set_point_w",
-                                      "Power into the spring by changes of set-point, stiffness and valve."),
-            output_at<kOtherPower>("power_other_w", "Power into the arm by features and limits."),
-            output_at<kCreated>("energy_made_up_j", "Valve law 'paper': energy that empty tanks supplied."),
+            group_at<kTankOutputs>(tank_outputs()),
             output_at<kAcross, 3>("tangential_force_n", "Part of F_f' across n, world axes."),
             output_at<kError, 3>("position_error_m", "p_d - p, world axes."),
             output_at<kError + 3, 3>("orientation_error_rad", "log(R_d R^T), world axes."),
             output_at<kAxesForce, 3>("axes_force_n", "F_f' along selected axes, axes of the force frame."),
             output_at<kAxesForce + 3, 3>("axes_moment_nm", "Its moment."),
             output_at<kAxesContact, 6>("axes_in_contact",
-                                       "1 for each selected axis along which contact is detected.")),
+                                       "1 for each selected axis along which contact is detected."),
+            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc)),
         .presets = {paper_preset({{"force_proportional", {1}},
                                   {"force_derivative_s", {0.05}},
                                   {"force_integral_per_s", {0.25}},
@@ -141,12 +96,14 @@ class Ufic final : public Controllet {
     bridge_.setZero();
     F_f_alpha_ = bridge_alpha_ = 1;
     redefined_ = false;
-    limits_ = tank_limits(parameters);
-    balance_.start(context.arms, parameters.number(kTankStart), limits_);
-    alpha_f_ = balance_.force.valve(limits_);
+    tanks_ = tank_settings(parameters, kTanks);
+    balance_.start(context.arms, tanks_.start_j, tanks_.limits);
+    alpha_f_ = balance_.force.valve(tanks_.limits);
     const CartesianTarget target = CartesianTarget::of(context.inputs[kPose]);
-    const ImpedanceGains gains = impedance_gains(parameters);
-    spring_ = {gains.stiffness(target.X_W_d.rotation), target.X_W_d, balance_.impedance.valve(limits_), 0};
+    ImpedanceGains gains = impedance_gains(parameters);
+    gains.soften(target.X_W_d.rotation, *arm.terms);
+    spring_ = {gains.stiffness(target.X_W_d.rotation), target.X_W_d, balance_.impedance.valve(tanks_.limits),
+               0};
     spring_.energy = spring_.energy_at(arm.terms->X_WE());
     return LawResult::ok;
   }
@@ -155,12 +112,12 @@ class Ufic final : public Controllet {
     OwnedArm& arm = context.arms[0];
     ModelTerms& terms = *arm.terms;
     const ParameterSet& parameters = *context.parameters;
-    limits_ = tank_limits(parameters);
-    const ValveLaw law = static_cast<ValveLaw>(parameters.choice(kValveLaw));
-    const CartesianTarget target = CartesianTarget::of(context.inputs[kPose]);
-    const ImpedanceGains gains = impedance_gains(parameters);
+    tanks_ = tank_settings(parameters, kTanks);
+    ImpedanceGains gains = impedance_gains(parameters);
+    context.outputs[kStiffnessShare] = gains.soften(context.inputs[kPose].pose().rotation, terms);
+    const CartesianTarget target = gains.led(CartesianTarget::of(context.inputs[kPose]));
 
-    update_energy_balance(context.arms, law);
+    update_energy_balance(context.arms);
     // Impedance part
     const Vector6 V = terms.V_WE().vector;
     const Matrix6& Lambda = terms.task().Lambda;
@@ -178,11 +135,10 @@ class Ufic final : public Controllet {
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
     const ForceSettings settings = force_settings(parameters, kForceGroup);
     const Vector6 F_d6 = context.inputs[kWrench].vector();
-    const Vector3 p_EK = terms.X_WK().position - terms.X_WE().position;
-    const Vector6 F_hat6 = shifted(arm.state->F_K_W_est, p_EK).vector;
-    const Vector3 F_d = F_d6.head<3>(), F_hat = arm.state->F_K_W_est.force(), v = V.head<3>();
+    const Vector6 F_hat6 = wrench_about_E(arm);
+    const Vector3 F_d = F_d6.head<3>(), F_hat = F_hat6.head<3>(), v = V.head<3>();
     if (!F_d6.allFinite() || !F_hat6.allFinite())
-      return LawResult::fault;  // a clamp would hide a value that is not finite
+      return LawResult::fault;  // clamping would hide an invalid value
     axes_.select(parameters, kAxesGroup, terms.X_WE().rotation, context.dt);
     axes_.bear(terms.task().mobility);
     const double of_n = 1 - axes_.weight();  // the share of the law along one direction
@@ -203,10 +159,9 @@ class Ufic final : public Controllet {
     // Force part
     const Matrix3 D_t = D.topLeftCorner<3, 3>();
     const Vector6 pull = spring + feedforward;
-    ForcePart force =
-        force_part(settings, law, parameters.choice(kFeedback) != 0, parameters.number(kReach), F_d, F_hat,
-                   terms.X_WE().position, v, D_t, pull.head<3>(), context.contact, context.dt);
-    Vector6 F_f = axes_.update(settings, law, parameters.number(kReach), parameters, kAxesGroup,
+    ForcePart force = force_part(settings, parameters.choice(kFeedback) != 0, F_d, F_hat,
+                                 terms.X_WE().position, v, D_t, pull.head<3>(), context.contact, context.dt);
+    Vector6 F_f = axes_.update(settings, tanks_.law, tanks_.reach, parameters, kAxesGroup,
                                {.F_d = F_d6,
                                 .F_hat = F_hat6,
                                 .V = V,
@@ -216,7 +171,7 @@ class Ufic final : public Controllet {
                                 .alpha_f = alpha_f_,
                                 .bounds = context.contact},
                                context.dt);
-    if (axes_.weight() >= 1) start_direction();  // it begins again when no axis is selected any more
+    if (axes_.weight() >= 1) start_direction();  // restarts when no axis is selected any more
     force.scale(of_n);
     F_f.head<3>() += force.F;
     const bool bridges = redefined_ || !bridge_.isZero(0);
@@ -228,7 +183,7 @@ class Ufic final : public Controllet {
     F_f_ = F_f;
     F_f_alpha_ = alpha_f_;
     // At most a tenth of the tank per tick: a fast set-point cannot overdraw it before its valve has closed.
-    feedforward *= balance_.impedance.affordable(feedforward.dot(V) * context.dt, 0.1, limits_);
+    feedforward *= balance_.impedance.affordable(feedforward.dot(V) * context.dt, 0.1, tanks_.limits);
 
     const Jacobian& J = terms.J_V_WE();
     const auto joints = [&](const Vector6& F) -> JointVector { return J.transpose().lazyProduct(F); };
@@ -247,7 +202,7 @@ class Ufic final : public Controllet {
     balance.open(kForceDampingPart, joints(along(damped(v, -1))));
     *arm.tau = balance.sum();
 
-    show(context, force, error, set_point_work, arm);
+    show(context, force, error, set_point_work);
     return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
   }
 
@@ -274,13 +229,8 @@ class Ufic final : public Controllet {
   enum Input : std::size_t { kPose, kWrench, kInputCount };
   static constexpr std::size_t kForceGroup = kCartesianParameterCount;
   enum Parameter : std::size_t {
-    kValveLaw = kForceGroup + kForceParameterCount,
-    kReach,
-    kTankStart,
-    kTankMin,
-    kTankMax,
-    kTankClosing,
-    kPressDirection,
+    kTanks = kForceGroup + kForceParameterCount,
+    kPressDirection = kTanks + kTankParameterCount,
     kFeedback,
     kAxesGroup,
     kParameterCount = kAxesGroup + kUficAxesParameterCount
@@ -290,27 +240,13 @@ class Ufic final : public Controllet {
     kEstimated,
     kCommand,
     kInContact,
-    kGamma,
-    kAlphaForce,
-    kAlphaImpedance,
-    kForceTank,
-    kImpedanceTank,
-    kStored,
-    kSpringPower,
-    kDampingPower,
-    kFeedforwardPower,
-    kNullSpacePower,
-    kCoriolisPower,
-    kForcePower,
-    kForceDampingPower,
-    kSetPointPower,
-    kOtherPower,
-    kCreated,
-    kAcross,
+    kTankOutputs,
+    kAcross = kTankOutputs + kTankOutputCount,
     kError = kAcross + 3,
     kAxesForce = kError + 6,
     kAxesContact = kAxesForce + 6,
-    kOutputCount = kAxesContact + 6
+    kStiffnessShare = kAxesContact + 6,
+    kOutputCount
   };
 
   struct ForcePart {
@@ -358,32 +294,29 @@ class Ufic final : public Controllet {
     across_.reset(Vector3::Zero());
   }
 
-  static TankLimits tank_limits(const ParameterSet& parameters) {
-    return {parameters.number(kTankMin), parameters.number(kTankMax), parameters.number(kTankClosing)};
-  }
-
-  void update_energy_balance(std::span<const OwnedArm> arms, ValveLaw law) {
+  void update_energy_balance(std::span<const OwnedArm> arms) {
     const double energy = spring_.energy_at(arms[0].terms->X_WE());
     const double stored = spring_.scale * (energy - spring_.energy);
     spring_.energy = energy;
-    balance_.close(arms, stored, law, limits_);
+    balance_.close(arms, stored, tanks_.law, tanks_.limits);
   }
 
   // Moves the spring to the new set-point, stiffness and valve. The tank supplies the energy that the spring
   // gains; if it cannot, the spring is scaled down. Returns the supplied work [J].
-  // Its bound for contact closes the valve, too, so that the tanks' book stays complete; not because of what
-  // the damping takes of the pull anyway: somebody who pushes the hand to its set-point takes nothing away.
+  // Its bound for contact closes the valve, too, so that the tanks' balance stays complete; not because of
+  // what the damping takes of the pull anyway: somebody who pushes the hand to its set-point takes none.
   double move_spring(const CartesianTarget& target, const ImpedanceGains& gains, const Pose& X,
                      const Vector6& V, const Vector6& damping, const ControlContext& context) {
     const double before = spring_.scale * spring_.energy;
     SpringState next{gains.stiffness(target.X_W_d.rotation), target.X_W_d, 0, 0};
     next.energy = next.energy_at(X);
-    next.scale = std::min(balance_.impedance.valve(limits_), spring_.scale + context.dt / Fade::kDuration);
+    next.scale =
+        std::min(balance_.impedance.valve(tanks_.limits), spring_.scale + context.dt / Fade::kDuration);
     const Vector6 full = spring_wrench(next.stiffness, pose_error(target.X_W_d, X));
     const BoundedPull bounded = bound_pull(context.contact, full, damping, V.head<3>());
     spring_share_ = std::max(bounded.force_share, bounded.moment_share);
     next.scale = std::min(next.scale, bounded.factor());
-    const double available = std::max(0.0, balance_.impedance.energy() - limits_.min_j);
+    const double available = std::max(0.0, balance_.impedance.energy() - tanks_.limits.min_j);
     if (next.scale * next.energy - before > available) next.scale = (before + available) / next.energy;
     spring_ = next;
     const double work = next.scale * next.energy - before;
@@ -405,9 +338,9 @@ class Ufic final : public Controllet {
     feedforward *= c;
   }
 
-  ForcePart force_part(const ForceSettings& settings, ValveLaw law, bool always, double reach,
-                       const Vector3& F_d, const Vector3& F_hat, const Vector3& p, const Vector3& v,
-                       const Matrix3& D_t, const Vector3& pull, const ContactBounds& contact, double dt) {
+  ForcePart force_part(const ForceSettings& settings, bool always, const Vector3& F_d, const Vector3& F_hat,
+                       const Vector3& p, const Vector3& v, const Matrix3& D_t, const Vector3& pull,
+                       const ContactBounds& contact, double dt) {
     ForcePart part;
     const Vector3& n = direction_.n();
     part.desired = std::max(0.0, n.dot(F_d));
@@ -416,22 +349,23 @@ class Ufic final : public Controllet {
       touched_ = true;
       p_c_ = p;
     }
-    // Decreases at once, increases no faster than a fade.
-    const double shape = touched_ ? contact_shape((p - p_c_).norm(), reach) : 0.0;
+    // Decreases at once, increases at the rate of a fade.
+    const double shape = touched_ ? contact_shape((p - p_c_).norm(), tanks_.reach) : 0.0;
     gamma_ = std::min(shape, gamma_ + dt / Fade::kDuration);
-    alpha_f_ = std::min(balance_.force.valve(limits_), alpha_f_ + dt / Fade::kDuration);
+    alpha_f_ = std::min(balance_.force.valve(tanks_.limits), alpha_f_ + dt / Fade::kDuration);
     const double w = fade_.towards(always || detector_.in_contact(), dt);
     Vector3 F_t = settings.tangential_gain * w *
                   direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
-    // A hand in the way is felt like friction, and would be pushed harder and harder.
+    // A hand in the way acts like friction and would be pushed harder and harder.
     const Vector3 pull_across = direction_.across(pull);
     F_t *= largest_share(pull_across, F_t, contact.spring_force);
     const double size = F_t.norm();
-    // With what presses along n and across it already, the force keeps to the bound.
+    // Together with the forces along n and across it, the force respects the bound.
     const double left = left_beside(pull_across + F_t, contact.spring_force) - std::max(0.0, n.dot(pull));
     const double room = room_.update(left, contact.spring_force, dt);
     const double deepest = left_beside(pull_across + F_t, contact.spring_force) - std::max(0.0, -n.dot(pull));
-    // Neither back nor, without contact, forth does the force drive the hand faster than a set-point would.
+    // The force drives the hand no faster than a set-point would, neither backwards nor, without
+    // contact, forwards.
     const double v_n = n.dot(v);
     const double forth = always ? std::min(room, force_at_speed(contact, v_n)) : room;
     const double back = std::clamp(deepest, 0.0, force_at_speed(contact, -v_n));
@@ -439,12 +373,12 @@ class Ufic final : public Controllet {
     // The valve never damps more than the impedance itself does along the force.
     const auto share = [&](const Vector3& direction, double force) {
       const double damping = direction.dot(D_t * direction);
-      return force_share(law, gamma_, alpha_f_, direction.dot(v),
+      return force_share(tanks_.law, gamma_, alpha_f_, direction.dot(v),
                          incoming_speed_for(force, gamma_, alpha_f_, damping));
     };
     part.command = (f < 0 ? share(-n, f) : share(n, f)) * f;
     part.across = size > 1e-9 ? Vector3(share(F_t / size, size) * F_t) : Vector3(Vector3::Zero());
-    // What is felt across n may point elsewhere than the pull along it: the sum keeps to the bound, too.
+    // The felt force across n may differ in direction from the pull: the sum also respects the bound.
     const double whole = largest_share(pull, n * part.command + part.across, contact.spring_force);
     part.command *= whole;
     part.across *= whole;
@@ -452,27 +386,14 @@ class Ufic final : public Controllet {
     return part;
   }
 
-  void show(ControlContext& context, const ForcePart& force, const Vector6& error, double set_point_work,
-            OwnedArm& arm) {
+  void show(ControlContext& context, const ForcePart& force, const Vector6& error, double set_point_work) {
     const auto out = context.outputs;
-    const double per_s = 1.0 / context.dt;
     out[kDesired] = force.desired;
     out[kEstimated] = force.estimated;
     out[kCommand] = force.command;
     out[kInContact] = detector_.in_contact();
-    out[kGamma] = gamma_;
-    out[kAlphaForce] = alpha_f_;
-    out[kAlphaImpedance] = spring_.scale - 1;
-    out[kForceTank] = balance_.force.energy();
-    out[kImpedanceTank] = balance_.impedance.energy();
-    const double kinetic = 0.5 * arm.dq().dot(arm.terms->momentum());
-    out[kStored] =
-        kinetic + spring_.scale * spring_.energy + balance_.force.energy() + balance_.impedance.energy();
-    static_assert(kSetPointPower - kSpringPower == kTorqueParts);
-    balance_.show_powers(out.subspan(kSpringPower), context.dt);
-    out[kSetPointPower] = set_point_work * per_s;
-    out[kOtherPower] = balance_.work_of_others() * per_s;
-    out[kCreated] = balance_.created();
+    balance_.show(out.subspan(kTankOutputs), context.arms,
+                  {gamma_, alpha_f_, spring_.scale, spring_.energy, set_point_work}, context.dt);
     std::copy_n(force.across.data(), 3, out.begin() + kAcross);
     std::copy_n(error.data(), 6, out.begin() + kError);
     std::copy_n(axes_.force().data(), 6, out.begin() + kAxesForce);
@@ -480,7 +401,7 @@ class Ufic final : public Controllet {
   }
 
   JointVector q_N_;
-  Vector3 p_c_ = Vector3::Zero();  // x_c: where the tool last touched
+  Vector3 p_c_ = Vector3::Zero();  // x_c: last point of contact of the tool
   bool touched_ = false;
   double gamma_ = 0, alpha_f_ = 0;
   ForceDirection direction_;
@@ -494,7 +415,7 @@ class Ufic final : public Controllet {
   Vector6 F_f_ = Vector6::Zero(), bridge_ = Vector6::Zero();
   double F_f_alpha_ = 1, bridge_alpha_ = 1;  // valves of those two
   bool redefined_ = false;
-  TankLimits limits_;
+  TankSettings tanks_;
   TankBalance balance_{1};
   SpringState spring_;
   double spring_share_ = 0;  // of the whole spring, in its bounds for contact

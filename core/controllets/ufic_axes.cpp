@@ -95,7 +95,7 @@ void UficAxes::select(const ParameterSet& parameters, std::size_t first, const M
 void UficAxes::end_effector_moved(const Pose& X) {
   R_EF_ = X.rotation.transpose() * R_EF_;  // selected axes do not turn with the definition
   for (Axis& axis : axis_) axis.touched_at = axis.touched_at * X;
-  for (std::size_t i = 3; i < 6; ++i) axis_[i].start();  // moments about another point: no contact was felt
+  for (std::size_t i = 3; i < 6; ++i) axis_[i].start();  // moments about another point: no contact yet
 }
 
 void UficAxes::bear(const Matrix6& mobility) {
@@ -137,27 +137,27 @@ double UficAxes::update(std::size_t i, const ForceGains& gains, double threshold
     axis.touched = true;
     axis.touched_at = now.X_WE;
   }
-  // Decreases at once, increases no faster than a fade.
+  // Decreases at once, increases at the rate of a fade.
   axis.gamma = std::min(axis.detector.in_contact() ? 1.0
                         : axis.touched             ? shape
                                                    : 0.0,
                         axis.gamma + dt / Fade::kDuration);
   const double speed = axis.sign * now.V[k];
-  // What the impedance takes back is not borne by the environment.
+  // The part taken over by the impedance is not borne by the environment.
   const double borne = axis.pushed + std::min(0.0, axis.sign * now.pull[k]);
   const bool slow = std::abs(speed)<limits.slow, withstands = borne> 0.5 * limits.unfelt;
   axis.borne += !slow ? -dt / kGivingWay : withstands ? dt / kBearing : -dt / kBearing;
   axis.borne = std::clamp(axis.borne, 0.0, 1.0);
   const double most =
       std::min(limits.room, limits.unfelt + axis.borne * std::max(0.0, axis.detector.force()));
-  // Where the valve is closed the integral does not grow behind it.
+  // While the valve is closed the integral does not grow.
   const double w = axis.contact.towards(axis.detector.in_contact(), dt) * axis.gamma * now.alpha_f;
   const double f = axis.loop.update(gains, desired, estimated, w, dt, most);
   // The valve damps no more than D_z may: D_c is that of an axis whose neighbors are held.
   const double damping = std::min(now.D(k, k), kDamping * inertia_[k]);
   const double rho = force_share(law, axis.gamma, now.alpha_f, speed,
                                  incoming_speed_for(f, axis.gamma, now.alpha_f, damping));
-  axis.pushed = sigma_[k] * rho * f;  // an axis withstands what acts, not what its valve holds back
+  axis.pushed = sigma_[k] * rho * f;  // an axis resists the acting force, not the part held back by the valve
   return axis.sign * axis.pushed;
 }
 
@@ -176,7 +176,7 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
   moments.integral_per_s = parameters.number(first + kMomentIntegral);
   moments.integral_limit_n = parameters.number(first + kMomentLimit);
   moments.may_pull = false;
-  moments.derivative_s = 0;  // of an estimated moment on a light wrist it is noise
+  moments.derivative_s = 0;  // of an estimated moment on a light wrist it is mostly noise
   ForceGains forces = settings.gains;
   forces.may_pull = false;
   Vector6 F = Vector6::Zero();
@@ -194,10 +194,11 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
     const double left = left_beside(across, bound) - std::max(0.0, axis.sign * now.pull[k]);
     const double steepest = kSteepest * inertia_[k];
     const AxisKind& kind = moment ? kMomentAxis : kForceAxis;
-    // All axes of a kind together keep to its speed.
+    // All axes of a kind together respect its speed.
     const double parts = std::sqrt(std::max(1.0, sigma_.segment<3>(begin).sum()));
     const double limit = (moment ? kTurnLimit : now.bounds.hand_speed) / parts;
-    // What is borne unfelt ends at 1.5 times the limit, or at kTopTurning, although it falls no more steeply.
+    // The force allowed without reaction ends at 1.5 times the limit, or at kTopTurning, but never falls more
+    // steeply than allowed.
     const double falls = moment ? (kTopTurning / kTurnLimit - 0.5) * limit : limit;
     const Limits limits{
         .room = std::min(axis.room.update(left, bound, dt), kind.most + 2 * std::abs(now.F_d[k])),

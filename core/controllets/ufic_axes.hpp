@@ -76,7 +76,7 @@ class UficAxes {
     Pose touched_at;
     bool touched = false;
     double gamma = 0, sign = 1;
-    double pushed = 0;  // what acted along `sign` in the last tick
+    double pushed = 0;  // acting force along `sign` in the last tick
     double borne = 0;   // share of the reaction that counts
   };
   struct Limits {

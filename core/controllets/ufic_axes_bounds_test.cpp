@@ -207,7 +207,8 @@ TEST(UficAxesBounds, LiveChangesKeepTheTanksBook) {
     double side = 0;
     for (int k = 1; k <= 3000; ++k) {
       if (k % 100 == 1) {
-        desired = six(draw.vector3(20), draw.vector3(2));
+        const Vector3 moment = draw.vector3(2);
+        desired = six(draw.vector3(20), moment);
         bench.want(desired, 0.08);
       }
       if (k % 60 == 5) bench.select(static_cast<int>(draw.index(6)), draw.index(3) > 0);

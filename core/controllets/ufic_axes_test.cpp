@@ -261,6 +261,28 @@ TEST(UficAxes, WithoutAxesTheMomentIsIgnored) {
   }
 }
 
+// The estimate is about K; the law controls the wrench at E.
+TEST(UficAxes, TheMomentIsThatAtTheEndEffector) {
+  const Vector3 f(3, -4, -9), at_hand(0.8, 1, -0.6), p_EK(0.1, 0.05, -0.2);
+  std::vector<JointVector> tau;
+  for (const Vector3& p : {Vector3(Vector3::Zero()), p_EK}) {
+    for (const Vector3& moment : {at_hand, Vector3(-at_hand)}) {
+      Bench bench;
+      bench.rig.frames(0, {kTool, {Matrix3::Identity(), p}});
+      bench.rig.place(0, bent(7), joint_constant(7, 0));
+      bench.select_all({2, 3, 4, 5});
+      ASSERT_EQ(bench.rig.start(), LawResult::ok);
+      bench.want(six({0, 0, -12}, at_hand));
+      bench.feel(six(f, moment - (bench.X().rotation * p).cross(f)));
+      bench.ticks(600);
+      tau.push_back(bench.rig.tau(0));
+    }
+  }
+  EXPECT_LT((tau[2] - tau[0]).norm(), 1e-9) << "wherever K is";
+  EXPECT_LT((tau[3] - tau[1]).norm(), 1e-9);
+  EXPECT_GT((tau[1] - tau[0]).norm(), 0.1) << "the moment counts";
+}
+
 // The other side is pressed only after contact is lost, and softly.
 TEST(UficAxes, TheOtherSideWaitsForTheLossOfContact) {
   Bench bench;

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/ufic.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/test_arm.hpp"
 

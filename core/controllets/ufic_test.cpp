@@ -1,9 +1,7 @@
-#include "core/controllets/ufic.hpp"
-
 #include <gtest/gtest.h>
 
+#include "core/controllets/builtins.hpp"
 #include "core/controllets/damping_design.hpp"
-#include "core/controllets/force.hpp"
 #include "core/controllets/task_spring.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"

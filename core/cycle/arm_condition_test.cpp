@@ -88,6 +88,33 @@ TEST(TorqueInUse, AfterLostAnswersTheCommandIsOneStepFromWhatTheArmUses) {
   }
 }
 
+// Neither lost nor taken when the gap begins: the arm shows the torque before the last one, takes the last
+// one after that state, and then what the loop sends now. From 19 ms on, the arm is held after
+// the gap.
+TEST(TorqueInUse, AfterAGapTheLastCommandMayOnlyBeLate) {
+  for (const double gap : {0.005, 0.019, 0.03, 0.3}) {
+    TestLoop loop(1, {{.name = "f", .type = "follow", .arms = {0}}}, test::test_registry(), 100);
+    loop.modes().activate_at_start(loop.set({"f"}));
+    loop.steps(3);
+    const JointVector home = loop.world.position(0);
+    JointVector shown;
+    loop.world.tamper = [&](ArmIndex, std::uint64_t, ArmState& state) {
+      state.q = home - joint_constant(7, 1.5);  // 30 N m are asked for, later none by the hold
+      state.dq.setZero();
+      if (shown.size() > 0) state.tau_J_d = shown;
+    };
+    loop.steps(10);
+    shown = loop.world.torque(0);
+    loop.step();
+    const JointVector late = loop.world.torque(0);
+    ASSERT_NEAR(late[2] - shown[2], 1, 1e-9);
+    loop.world.start_s += gap;
+    loop.step();
+    for (const JointVector& in_use : {shown, late})
+      EXPECT_LE((loop.world.torque(0) - in_use).lpNorm<Eigen::Infinity>(), 1 + 1e-9) << gap;
+  }
+}
+
 TEST(TorqueInUse, MayBeUnknown) {
   TestLoop loop(1, {{.name = "f", .type = "follow", .arms = {0}}}, test::test_registry());
   loop.modes().activate_at_start(loop.set({"f"}));

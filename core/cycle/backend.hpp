@@ -7,7 +7,6 @@
 
 #include "core/cycle/requests.hpp"
 #include "core/state/arm_state.hpp"
-#include "core/state/connection_statistics.hpp"
 #include "core/types/arm_set.hpp"
 #include "core/types/time.hpp"
 
@@ -25,16 +24,16 @@ struct Capabilities {
   bool has_vacuum = false;            // knows the requests to a vacuum gripper
   // No command is lost or late. ArmState::tau_J_d then need not be the last one: a simulated motor lags.
   bool every_command_arrives = false;
-  bool own_clock = false;         // its packets come at its own instants, whatever the other arms do
-  double torque_low_pass_hz = 0;  // its torque is to be filtered before the last limit; 0: not
-  // A greater torque rate makes the arm stop itself, whatever its limits say. [N m/s]
+  bool own_clock = false;         // its packets arrive at its own times, independent of other arms
+  double torque_low_pass_hz = 0;  // cutoff of a low-pass on its torque before the last limit; 0: none
+  // A higher torque rate makes the arm stop itself, whatever its limits. [N m/s]
   double torque_rate_max = std::numeric_limits<double>::infinity();
 };
 
 // The command to one arm in one step.
 struct ArmCommand {
   JointVector tau_cmd;  // without gravity and friction [N m] (n x 1)
-  bool usable = true;   // the arm takes it, by its last state
+  bool usable = true;   // whether the arm accepts it, according to its last state
 };
 
 // Arms behind one contract: simulated, real or recorded. backends/contract_test.cpp tests the contract.
@@ -64,7 +63,7 @@ class Backend {
   // The same, but returns at `deadline` at the latest, with no arm due. For a loop that drives the arms of
   // two backends. A backend whose wait() does not block need not override it.
   virtual ArmSet wait_until(HostTime /*deadline*/) { return wait(); }
-  // After an empty wait(): no more cycles will come (end of a recording, a simulation that failed).
+  // After an empty wait(): no more cycles will follow (end of a recording, a failed simulation).
   virtual bool ended() const { return true; }
   // The loop's time of the current step.
   virtual LoopTime now() const = 0;

@@ -12,7 +12,7 @@ std::vector<std::shared_ptr<const ArmModel>> models_of(const CycleConfig& config
   return models;
 }
 
-// With what the backend says of its arms.
+// With the backend's information on its arms.
 std::vector<SafetyLimits> limits_of(const CycleConfig& config, const Backend& backend) {
   std::vector<SafetyLimits> limits;
   for (ArmIndex arm = 0; arm < config.arms.size(); ++arm) {
@@ -106,7 +106,8 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
   }
   seen_config_.resize(config.arms.size());
   place_bases();
-  // Only a world that is simulated for all arms: what it takes away still stands before a real arm.
+  // Only in a world that is simulated for all arms: objects removed there are still present before a
+  // real arm.
   const bool all_simulated = [&] {
     for (ArmIndex arm = 0; arm < config.arms.size(); ++arm) {
       if (!backend.capabilities(arm).simulated) return false;

@@ -2,10 +2,25 @@
 
 #include <limits>
 
-#include "core/cycle/stage_clock.hpp"
-
 namespace multipanda {
 namespace {
+
+// Times the stages of one step that began at `start`: from the tick's own time, so that they add up to no
+// more than the step.
+class StageClock {
+ public:
+  StageClock(StageTimes& times, HostTime start) : times_(times), start_(start), last_(start) {}
+  void lap(std::int32_t StageTimes::*stage) {
+    const HostTime now = host_now();
+    times_.*stage = static_cast<std::int32_t>((now - last_).count());
+    times_.total = static_cast<std::int32_t>((now - start_).count());
+    last_ = now;
+  }
+
+ private:
+  StageTimes& times_;
+  HostTime start_, last_;
+};
 
 // A state without the joints of the model counts as not finite, and the safety stage holds the arm.
 void check_size(ArmState& state, std::size_t joint_count) {
@@ -97,10 +112,11 @@ void ControlCycle::read_obstacles() {
 }
 
 // The rate limit counts from the torque that the arm has in use. Where every command arrives, that is the
-// last one; a simulated motor may show it later.
+// last one; a simulated motor may show it later. After a gap of the states, however long, the last command
+// may only be late: it counts as well.
 void ControlCycle::count_torque(ArmIndex arm) {
   const ArmCondition& condition = data_.condition[arm];
-  if (!condition.usable || condition.returned) {
+  if (!condition.usable || condition.began) {
     every_command_arrives_ = backend_.capabilities(arm).every_command_arrives
                                  ? every_command_arrives_ | ArmSet::of(arm)
                                  : every_command_arrives_ - ArmSet::of(arm);

@@ -55,6 +55,8 @@ class ControlCycle {
   RecordRing* record() { return record_.get(); }
   const RecordLayout& layout() const { return layout_; }
   const CycleData& data() const { return data_; }  // loop thread
+  // State, decisions and commands of the last step for an arm. Loop thread.
+  void take_sample(ArmIndex arm, ArmSample& sample) const;
   Backend& backend() { return backend_; }
 
  private:
@@ -70,10 +72,10 @@ class ControlCycle {
   CycleData data_;
   std::vector<ExternalForceObserver> observers_;  // one per arm
   ArmSet observed_;                               // arms whose backend does not deliver external torques
-  ArmSet every_command_arrives_;                  // as their backend says
+  ArmSet every_command_arrives_;                  // according to their backend
   std::vector<std::optional<BaseMount>> mounts_;  // one per arm
   std::vector<std::uint32_t> seen_config_;        // configuration of each arm in the last cycle
-  std::vector<std::size_t> placed_;               // obstacles that the backend's world may place elsewhere
+  std::vector<std::size_t> placed_;               // obstacles that the backend's world may move
   SafetyStage safety_;
   std::unique_ptr<MultimodeController> modes_;
   RecordLayout layout_;

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "core/cycle/backend.hpp"
-#include "core/geometry/obstacle.hpp"
+#include "core/geometry/shape.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/record/cycle_record.hpp"
 #include "core/state/arm_condition.hpp"
@@ -24,7 +24,7 @@ struct CycleData {
       const JointVector zero = joint_constant(models[i]->joint_count(), 0);
       terms.emplace_back(models[i]);
       state[i].q = models[i]->q_home();
-      state[i].dq = state[i].tau_J = zero;  // tau_J_d stays empty if the backend does not know it
+      state[i].dq = state[i].tau_J = zero;  // tau_J_d stays empty if the backend does not provide it
       tau_controllet.push_back(zero);
       tau_feature.push_back(zero);
       tau_cmd.push_back(zero);
@@ -38,8 +38,8 @@ struct CycleData {
 
   // READ
   std::vector<ArmState> state;          // from the backend
-  std::vector<ArmCondition> condition;  // what can be done with the arm in that state
-  std::vector<Obstacle> obstacles;      // where the fixed objects of the world are now
+  std::vector<ArmCondition> condition;  // usability of the arm in that state
+  std::vector<Obstacle> obstacles;      // present poses of the world's fixed objects
 
   // MODEL
   std::vector<ModelTerms> terms;  // at that state, computed on demand

@@ -20,7 +20,7 @@ using test::TestWorld;
 
 constexpr ArmIndex kCarrier = 0, kCarried = 1;
 
-std::vector<std::shared_ptr<const ArmModel>> models() {
+std::vector<std::shared_ptr<const ArmModel>> arm_models() {
   const Pose upright{rotation_from_rpy({0, 0, 0.7}), {0.3, -0.2, 0.4}};
   return {TestArm::make(8, 1).model(upright, "left"), TestArm::make(7, 2).model({}, "right"),
           TestArm::make(7, 3).model({Matrix3::Identity(), {3, 0, 0}}, "third")};
@@ -46,6 +46,7 @@ std::vector<InstanceConfig> laws() {
           {.name = "both", .type = "dual_cartesian_impedance", .arms = {kCarrier, kCarried}},
           {.name = "own", .type = "cartesian_impedance", .arms = {kCarrier}},
           {.name = "guided", .type = "gravity_compensation", .arms = {kCarrier}},
+          {.name = "led", .type = "gravity_compensation", .arms = {kCarried}},
           {.name = "across", .type = "dual_cartesian_impedance", .arms = {kCarried, 2}},
           {.name = "aside", .type = "cartesian_impedance", .arms = {2}}};
 }
@@ -54,31 +55,20 @@ const BaseMount kMount{
     .carrier = kCarrier, .joint = 0, .X_JB = {rotation_from_rpy({0.4, 0.3, 0.2}), {0.1, 1.2, 0.5}}};
 
 CycleConfig config(std::vector<InstanceConfig> controllets = laws()) {
-  CycleConfig config = test::test_config(models(), std::move(controllets));
+  CycleConfig config = test::test_config(arm_models(), std::move(controllets));
   config.arms[kCarried].mount = kMount;
   return config;
 }
 
-struct MovingBaseLoop : testing::Test {
-  MovingBaseLoop() : world(models()), cycle(config(), Registry::with_builtins(), world) {
+struct MovingBaseLoop : testing::Test, test::TestLoop {
+  MovingBaseLoop() : TestLoop(arm_models(), config(), Registry::with_builtins()) {
     world.tamper = [this](ArmIndex arm, std::uint64_t, ArmState& state) {
       if (arm == lost) state.mode = mode;
       if (arm == broken) state.q[0] = std::nan("");
     };
     steps(2);
   }
-  void steps(std::size_t count) {
-    for (std::size_t i = 0; i < count; ++i) cycle.step(world.wait());
-  }
   InstanceSet set(std::string_view name) { return bit(cycle.modes().find(name)); }
-  Answer ask(const Request& request) {
-    Answer answer;
-    std::uint64_t ticket = 0;
-    answer.verdict = cycle.modes().post(std::span(&request, 1), ticket);
-    steps(1);
-    if (answer.accepted() && !cycle.modes().poll(ticket, answer)) answer.verdict = Verdict::timeout;
-    return answer;
-  }
   bool activate(std::string_view name) { return ask({.activate = set(name)}).accepted(); }
   // Leads the first joint of a joint law by `angle`.
   void lead(std::string_view name, ArmIndex arm, double angle, double duration_s) {
@@ -94,13 +84,11 @@ struct MovingBaseLoop : testing::Test {
 
   ArmIndex lost = 9, broken = 9;
   ArmMode mode = ArmMode::reflex;
-  TestWorld world;
-  ControlCycle cycle;
 };
 
 TEST_F(MovingBaseLoop, KnowsWhereTheCarriedArmIsInEveryCycle) {
   Draw draw(5);
-  ModelTerms carrier(models()[kCarrier]), carried(models()[kCarried]);
+  ModelTerms carrier(arm_models()[kCarrier]), carried(arm_models()[kCarried]);
   for (int k = 0; k < 5; ++k) {
     const JointVector q = draw.joints(8, 1.5);
     world.set_position(kCarrier, q);
@@ -125,7 +113,7 @@ TEST_F(MovingBaseLoop, PlacesTheBaseBetweenPacketsOfTheCarriedArm) {
   for (int k = 0; k < 2; ++k) {
     world.set_position(kCarrier, JointVector::Constant(8, 0.5 + 0.1 * k));
     steps(1);
-    ModelTerms carrier(models()[kCarrier]);
+    ModelTerms carrier(arm_models()[kCarrier]);
     carrier.update(cycle.data().state[kCarrier].q, cycle.data().state[kCarrier].dq);
     const Pose X = carrier.X_WJ(0) * kMount.X_JB;
     EXPECT_LT((cycle.data().terms[kCarried].X_WB().position - X.position).norm(), 1e-12);
@@ -212,6 +200,72 @@ TEST_F(MovingBaseLoop, StopsTheCarriedArmWithItsCarrier) {
   EXPECT_FALSE(runs("hand"));
 }
 
+// A carrier that went on would sweep the arm on it, which stopped itself or was stopped.
+TEST_F(MovingBaseLoop, StopsTheCarrierWithTheArmThatItCarries) {
+  const auto mover = [this](const char* law) {
+    EXPECT_TRUE(activate(law));
+    lead(law, kCarrier, 0.5, 2);
+    steps(800);
+    EXPECT_GT(std::abs(world.velocity(kCarrier)[0]), 0.01);
+  };
+  for (const ArmMode how : {ArmMode::reflex, ArmMode::user_stopped, ArmMode::disconnected}) {
+    mode = how;
+    mover("torso");
+    lost = kCarried;
+    steps(1);
+    EXPECT_TRUE(runs("left_hold"));
+    const Vector3 held = cycle.data().terms[kCarried].X_WB().position;
+    for (int k = 0; k < 3000; ++k) {
+      steps(1);
+      ASSERT_LT((cycle.data().terms[kCarried].X_WB().position - held).norm(), 0.01);
+    }
+    EXPECT_FALSE(activate("torso")) << "while the arm is not there";
+    EXPECT_FALSE(activate("guided"));
+    lost = 9;
+    steps(5);
+  }
+  mover("torso");
+  cycle.modes().stop(ArmSet::of(kCarried));
+  steps(1);
+  EXPECT_TRUE(runs("left_hold"));
+  EXPECT_EQ(cycle.modes().stopped(), ArmSet::of(kCarried) | ArmSet::of(kCarrier));
+  EXPECT_EQ(ask({.activate = set("torso")}).verdict, Verdict::arm_stopped);
+  ASSERT_TRUE(ask({.kind = Request::Kind::resume, .arms = ArmSet::of(kCarrier)}).accepted());
+  EXPECT_EQ(ask({.activate = set("torso")}).verdict, Verdict::arm_stopped) << "the arm on it still is";
+  ASSERT_TRUE(ask({.kind = Request::Kind::resume, .arms = ArmSet::of(kCarried)}).accepted());
+  EXPECT_TRUE(activate("torso"));
+  // The other arm of the scene stops nothing.
+  cycle.modes().stop(ArmSet::of(2));
+  steps(1);
+  EXPECT_TRUE(runs("torso"));
+}
+
+// Somebody leads the carried arm, by its own button or by a law, and the torso would pull it out of the hand.
+TEST_F(MovingBaseLoop, StopsTheCarrierOfAnArmThatIsGuided) {
+  for (const bool by_law : {false, true}) {
+    ASSERT_TRUE(activate("torso"));
+    lead("torso", kCarrier, 0.5, 2);
+    steps(800);
+    ASSERT_GT(std::abs(world.velocity(kCarrier)[0]), 0.01);
+    mode = ArmMode::guiding;
+    if (by_law) {
+      ASSERT_TRUE(activate("led"));
+    } else {
+      lost = kCarried;
+    }
+    steps(1);
+    EXPECT_TRUE(runs("left_hold"));
+    steps(1000);
+    EXPECT_LT(std::abs(world.velocity(kCarrier)[0]), 1e-3);
+    EXPECT_EQ(ask({.activate = set("torso")}).verdict, Verdict::start_refused);
+    EXPECT_TRUE(activate("guided")) << "a torso that is led, too, sweeps nobody";
+    lost = 9;
+    ASSERT_TRUE(ask({.deactivate = set("led") | set("guided")}).accepted());
+    steps(5);
+  }
+  EXPECT_TRUE(activate("torso"));
+}
+
 // A state that is not finite reaches no torque of the other arm.
 TEST_F(MovingBaseLoop, KeepsFaultsOfOneArmOutOfTheTorquesOfTheOther) {
   for (const ArmIndex arm : {kCarrier, kCarried}) {
@@ -266,7 +320,7 @@ TEST_F(MovingBaseLoop, BoundsTheSpeedOfTheCarriedHand) {
 // alone: F = (M^-1 tau)_1 / (r (M^-1)_11), r the distance of the hand from the axis.
 TEST_F(MovingBaseLoop, BoundsTheForceOfTheTorsoAtTheCarriedHand) {
   for (const char* law : {"pressing", "torso"}) {
-    world.set_position(kCarrier, models()[kCarrier]->q_home());
+    world.set_position(kCarrier, arm_models()[kCarrier]->q_home());
     world.set_velocity(kCarrier, JointVector::Zero(8));
     steps(1);
     ASSERT_TRUE(activate(law));
@@ -319,13 +373,37 @@ TEST_F(MovingBaseLoop, SharesTheBoundWithWhatSweepsTheBase) {
   EXPECT_LT(set_point_speed(100), 0.01);
 }
 
+// What sweeps the base has the whole bound of the hand when a goal comes: the goal waits, and is reached.
+TEST_F(MovingBaseLoop, AGoalOfJointsWhoseBaseHasTheWholeBoundWaits) {
+  ASSERT_TRUE(activate("joints"));
+  const Instance& joints = cycle.modes().instance(cycle.modes().find("joints"));
+  bool turned = true;
+  world.tamper = [&](ArmIndex arm, std::uint64_t, ArmState& state) {
+    if (arm == kCarrier && turned) state.dq = JointVector::Unit(8, 0);
+  };
+  steps(2);
+  const JointVector start = joints.inputs()[0].joints();
+  lead("joints", kCarried, 0.02, 0.1);
+  const double goal = cycle.data().state[kCarried].q[0] + 0.02;
+  for (int k = 0; k < 500; ++k) {
+    world.set_velocity(kCarrier, JointVector::Zero(8));  // its hold brakes what it only seems to do
+    steps(1);
+    ASSERT_TRUE(joints.inputs()[0].joints().allFinite()) << k;
+  }
+  EXPECT_LT((joints.inputs()[0].joints() - start).norm(), 0.01);
+  turned = false;
+  steps(6000);
+  EXPECT_TRUE(runs("joints"));
+  EXPECT_NEAR(joints.inputs()[0].joints()[0], goal, 1e-3);
+}
+
 // The torso's joint gets the moment of the carried hand's wrench about its axis, in a law of both arms and
 // beside hand guiding: what the wrench does for a turn of the torso.
 TEST_F(MovingBaseLoop, TheCarrierBearsWhatTheCarriedHandPresses) {
   Draw draw(9);
   for (const bool one_law : {true, false}) {
-    world.set_position(kCarrier, models()[kCarrier]->q_home());
-    world.set_position(kCarried, models()[kCarried]->q_home());
+    world.set_position(kCarrier, arm_models()[kCarrier]->q_home());
+    world.set_position(kCarried, arm_models()[kCarried]->q_home());
     for (const ArmIndex arm : {kCarrier, kCarried}) world.set_velocity(arm, 0 * world.velocity(arm));
     steps(1);
     if (one_law) {
@@ -335,7 +413,7 @@ TEST_F(MovingBaseLoop, TheCarrierBearsWhatTheCarriedHandPresses) {
       ASSERT_TRUE(activate("hand"));
     }
     // The carried hand is led away, so that its law pulls.
-    world.set_position(kCarried, models()[kCarried]->q_home() + draw.joints(7, 0.03));
+    world.set_position(kCarried, arm_models()[kCarried]->q_home() + draw.joints(7, 0.03));
     for (const ArmIndex arm : {kCarrier, kCarried}) world.set_velocity(arm, 0 * world.velocity(arm));
     steps(1);
     const CycleData& data = cycle.data();
@@ -370,7 +448,7 @@ std::string refused_by(const CycleConfig& config, Backend& world) {
 }
 
 std::string refusal(const CycleConfig& config) {
-  TestWorld world(models());
+  TestWorld world(arm_models());
   return refused_by(config, world);
 }
 
@@ -412,7 +490,7 @@ TEST(MovingBaseCycle, RefusesMountsThatItCannotDrive) {
   bad.arms[2].mount = BaseMount{.carrier = kCarrier, .joint = 0, .X_JB = {}};
   EXPECT_NE(refusal(bad).find("expected one at most"), std::string::npos);
   for (ArmIndex arm = 0; arm < 3; ++arm) {
-    Other world(models());
+    Other world(arm_models());
     world.real = arm;
     EXPECT_NE(refused_by(config(), world).find("expected simulated arms only"), std::string::npos) << arm;
     world.real = 9;
@@ -429,7 +507,7 @@ TEST(MovingBaseCycle, RefusesMountsThatItCannotDrive) {
 
 TEST(MovingBaseCycle, RefusesLawsAndFeaturesThatKnowNoMovingBase) {
   const auto refusal = [](InstanceConfig of) {
-    TestWorld world(models());
+    TestWorld world(arm_models());
     return refused_by(config({std::move(of)}), world);
   };
   for (const std::string type : {"ufic", "force", "hybrid_force"}) {

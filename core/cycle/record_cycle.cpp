@@ -22,7 +22,6 @@ void copy_pose(const Pose& from, std::array<double, 12>& to) {
 
 void set_report(ArmSample& sample, const InterfaceReport& report) {
   sample.has_report = report.present;
-  if (!report.present) return;
   copy_joints(report.q_d, sample.q_d);
   copy_joints(report.dq_d, sample.dq_d);
   copy_joints(report.theta, sample.theta);
@@ -64,7 +63,18 @@ void set_state(ArmSample& sample, const ArmState& state) {
   set_report(sample, state.report);
 }
 
-// Copies what this step read, decided and sent into a slot of the ring. A full ring counts as a lost record.
+void ControlCycle::take_sample(ArmIndex arm, ArmSample& sample) const {
+  set_state(sample, data_.state[arm]);
+  sample.owner = modes_->owner(arm);
+  sample.interventions = safety_.counted(arm);
+  sample.due = data_.tick.due.contains(arm);
+  copy_joints(data_.tau_controllet[arm], sample.tau_controllet);
+  copy_joints(data_.tau_feature[arm], sample.tau_feature);
+  copy_joints(data_.tau_cmd[arm], sample.tau_cmd);
+}
+
+// Copies the step's measurements, decisions and commands into a slot of the ring. A full ring counts as a
+// lost record.
 void ControlCycle::record_cycle() {
   if (record_ == nullptr) return;
   CycleRecord* record = record_->ring.back();
@@ -78,17 +88,7 @@ void ControlCycle::record_cycle() {
   record->period_s = data_.tick.dt;
   record->overruns = backend_.overruns();
   record->stages = data_.stages;
-  for (ArmIndex arm = 0; arm < data_.state.size(); ++arm) {
-    const ArmState& state = data_.state[arm];
-    ArmSample& sample = record->arms[arm];
-    set_state(sample, state);
-    sample.owner = modes_->owner(arm);
-    sample.interventions = safety_.counted(arm);
-    sample.due = data_.tick.due.contains(arm);
-    copy_joints(data_.tau_controllet[arm], sample.tau_controllet);
-    copy_joints(data_.tau_feature[arm], sample.tau_feature);
-    copy_joints(data_.tau_cmd[arm], sample.tau_cmd);
-  }
+  for (ArmIndex arm = 0; arm < data_.state.size(); ++arm) take_sample(arm, record->arms[arm]);
   modes_->record_cycle(*record);
   record_->ring.push();
 }

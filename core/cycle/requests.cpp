@@ -1,20 +1,23 @@
-#include <cmath>
-
 #include "core/cycle/backend.hpp"
 
 namespace multipanda {
 
-std::string check(const GripperMove& request) {
-  if (!std::isfinite(request.width) || request.width < 0) return "the width must be 0 or more meters";
-  if (!std::isfinite(request.speed) || request.speed <= 0) return "the speed must be above 0 m/s";
-  return {};
-}
-
-std::string check(const GripperGrasp& request) {
-  if (auto why = check(GripperMove{request.width, request.speed}); !why.empty()) return why;
-  if (!std::isfinite(request.force) || request.force <= 0) return "the force must be above 0 N";
-  if (!(request.tolerance_inner >= 0) || !(request.tolerance_outer >= 0)) {
-    return "the tolerances must be 0 or more meters";
+std::string check(const GripperRequest& request) {
+  if (const auto* move = std::get_if<GripperMove>(&request)) {
+    if (!(move->width >= 0 && move->width <= 1)) return "the width must be 0 to 1 m";
+    if (!(move->speed > 0 && move->speed <= 10)) return "the speed must be above 0 and at most 10 m/s";
+  } else if (const auto* grasp = std::get_if<GripperGrasp>(&request)) {
+    if (auto why = check(GripperMove{grasp->width, grasp->speed}); !why.empty()) return why;
+    if (!(grasp->force > 0 && grasp->force <= 1000)) return "the force must be above 0 and at most 1000 N";
+    for (const double tolerance : {grasp->tolerance_inner, grasp->tolerance_outer})
+      if (!(tolerance >= 0 && tolerance <= 1)) return "the tolerances must be 0 to 1 m";
+  } else if (const auto* on = std::get_if<VacuumOn>(&request)) {
+    // Below 50, a gripper would call the vacuum reached while what it holds falls; the air's is 1013 mbar.
+    if (!(on->pressure_mbar >= 50 && on->pressure_mbar <= 1000)) return "the vacuum must be 50 to 1000 mbar";
+    return check(VacuumDrop{on->timeout_s});
+  } else if (const auto* drop = std::get_if<VacuumDrop>(&request)) {
+    if (!(drop->timeout_s > 0 && drop->timeout_s <= 60))
+      return "the timeout must be above 0 and at most 60 s";
   }
   return {};
 }

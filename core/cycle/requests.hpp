@@ -1,13 +1,16 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <future>
+#include <memory>
 #include <optional>
 #include <string>
 #include <variant>
 
 #include "core/state/arm_state.hpp"
+#include "core/types/time.hpp"
 
 // Requests to a backend, off the loop: to an arm, to the gripper of an arm, or to the simulated world.
 //
@@ -16,8 +19,8 @@
 //   text);
 // the socket's JSON reader (runtime/live_input) is one. An optional field keeps its value when it is absent;
 // `pose` takes its keys from the request itself. To add a request: a structure here and a place in its
-// variant, its check (device/arm_settings.cpp), and what the simulated arm and the client of real arms do
-// with it.
+// variant, its check (arm_interface/arm_settings.cpp), and what the simulated arm and the client of real arms
+// do with it.
 namespace multipanda {
 
 // The name in the socket's requests: {"do": name}, for grippers {"do": name, "action": action}. The socket
@@ -25,6 +28,20 @@ namespace multipanda {
 struct RequestName {
   const char* name;
   const char* action = nullptr;
+};
+
+// Until when a request may be begun: host time [ns], which its asker may bring forward. None: no limit but
+// the backend's own.
+using BeginBy = std::shared_ptr<const std::atomic<std::int64_t>>;
+inline bool is_past(const BeginBy& limit, HostTime now) {
+  return limit && now.ns > limit->load(std::memory_order_relaxed);
+}
+
+template <class... Kinds>
+struct AskedRequest : std::variant<Kinds...> {
+  using Variant = std::variant<Kinds...>;
+  using Variant::Variant;
+  BeginBy begin_by;
 };
 
 // Range of a number. Every number must be finite.
@@ -118,12 +135,12 @@ struct SetUserStop {
 };
 
 using ArmRequest =
-    std::variant<SetLoad, SetFrames, SetJointStiffness, SetCartesianStiffness, SetCollisionThresholds,
+    AskedRequest<SetLoad, SetFrames, SetJointStiffness, SetCartesianStiffness, SetCollisionThresholds,
                  SetGuidingMode, RecoverFromError, Reconnect, StopMotion, SetUserStop>;
 
 // --- grippers ---
 
-// The answer comes when the motion is over. A new motion ends the one that runs.
+// Answered when the motion has ended. A new motion ends the running one.
 
 struct GripperHoming {
   static constexpr RequestName kName{"gripper", "homing"};
@@ -177,16 +194,15 @@ struct VacuumStop {
 };
 
 using GripperRequest =
-    std::variant<GripperHoming, GripperMove, GripperGrasp, GripperStop, VacuumOn, VacuumDrop, VacuumStop>;
+    AskedRequest<GripperHoming, GripperMove, GripperGrasp, GripperStop, VacuumOn, VacuumDrop, VacuumStop>;
 
 // Why no gripper can carry out the request, or an empty string. Off the loop. The limits of a particular
 // gripper are checked by its backend.
-std::string check(const GripperMove& request);
-std::string check(const GripperGrasp& request);
+std::string check(const GripperRequest& request);
 
 // --- simulated worlds ---
 
-// Puts a free object somewhere, at rest.
+// Places a free object, at rest.
 struct PlaceObject {
   std::string object;
   Pose X_WO;
@@ -205,7 +221,7 @@ struct PauseSimulation {
   static constexpr RequestName kName{"pause"};
   void visit(auto& fields) { fields.optional("paused", paused); }
 };
-// Advances a paused simulation. The answer comes when the periods are over.
+// Advances a paused simulation. Answered when the periods are over.
 struct StepSimulation {
   std::uint32_t periods = 1;
   static constexpr RequestName kName{"step"};
@@ -227,18 +243,29 @@ struct PushObject {
   }
 };
 
-using WorldRequest = std::variant<PlaceObject, ResetSimulation, PauseSimulation, StepSimulation, PushObject>;
+using WorldRequest = AskedRequest<PlaceObject, ResetSimulation, PauseSimulation, StepSimulation, PushObject>;
 
 // --- answers ---
 
 using BackendRequest = std::variant<ArmRequest, GripperRequest, WorldRequest>;
 
+// What ends a motion is never too late.
+inline bool ends_motion(const BackendRequest& request) {
+  if (const auto* of_arm = std::get_if<ArmRequest>(&request)) {
+    const auto* button = std::get_if<SetUserStop>(of_arm);
+    return std::holds_alternative<StopMotion>(*of_arm) || (button != nullptr && button->pressed);
+  }
+  const auto* of_gripper = std::get_if<GripperRequest>(&request);
+  return of_gripper != nullptr && (std::holds_alternative<GripperStop>(*of_gripper) ||
+                                   std::holds_alternative<VacuumStop>(*of_gripper));
+}
+
 struct RequestAnswer {
   bool success = false;
-  std::string reason;  // why not, and what to do
+  std::string reason;  // why not, and the remedy
 };
 
-// An answer that is known at once.
+// An answer that is available at once.
 std::future<RequestAnswer> answer_now(RequestAnswer answer);
 std::future<RequestAnswer> refuse_request(std::string reason);
 // The reason to refuse a request to arm `arm` of `count`.

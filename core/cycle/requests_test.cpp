@@ -9,7 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "core/cycle/backend.hpp"
-#include "core/state/arm_mode_name.hpp"
+#include "core/state/arm_state.hpp"
 
 // Texts of requests to arms, and of their answers.
 namespace multipanda::requests_test {
@@ -20,14 +20,30 @@ TEST(GripperRequests, AreRefusedForTheirFirstFault) {
   EXPECT_EQ(check(GripperMove{0, 0.1}), "");
   EXPECT_EQ(check(GripperGrasp{0.04, 0.1, 40, 0, 0}), "");
   EXPECT_EQ(check(GripperGrasp{0, 1e-9, 1e-9, 0, 0}), "");
-  EXPECT_EQ(check(GripperMove{-0.01, 0.1}), "the width must be 0 or more meters");
-  EXPECT_EQ(check(GripperMove{nan, -1}), "the width must be 0 or more meters");
-  EXPECT_EQ(check(GripperMove{0.02, 0}), "the speed must be above 0 m/s");
-  EXPECT_EQ(check(GripperGrasp{0.02, nan, 40}), "the speed must be above 0 m/s");
-  EXPECT_EQ(check(GripperGrasp{0.02, 0.1, 0}), "the force must be above 0 N");
-  EXPECT_EQ(check(GripperGrasp{0.02, 0.1, INFINITY}), "the force must be above 0 N");
-  EXPECT_EQ(check(GripperGrasp{0.02, 0.1, 40, -0.001, 0}), "the tolerances must be 0 or more meters");
-  EXPECT_EQ(check(GripperGrasp{0.02, 0.1, 40, 0, nan}), "the tolerances must be 0 or more meters");
+  for (const double width : {-0.01, nan, 1.1, 1e300, double{INFINITY}})
+    EXPECT_EQ(check(GripperMove{width, -1}), "the width must be 0 to 1 m");
+  for (const double speed : {0.0, nan, 1e300}) {
+    EXPECT_EQ(check(GripperMove{0.02, speed}), "the speed must be above 0 and at most 10 m/s");
+    EXPECT_EQ(check(GripperGrasp{0.02, speed, 0}), "the speed must be above 0 and at most 10 m/s");
+  }
+  for (const double force : {0.0, double{INFINITY}, 1e300})
+    EXPECT_EQ(check(GripperGrasp{0.02, 0.1, force}), "the force must be above 0 and at most 1000 N");
+  for (const double tolerance : {-0.001, nan, 1e300}) {
+    EXPECT_EQ(check(GripperGrasp{0.02, 0.1, 40, tolerance, 0}), "the tolerances must be 0 to 1 m");
+    EXPECT_EQ(check(GripperGrasp{0.02, 0.1, 40, 0, tolerance}), "the tolerances must be 0 to 1 m");
+  }
+}
+
+TEST(GripperRequests, OfAVacuumHaveBounds) {
+  EXPECT_EQ(check(VacuumOn{}), "");
+  EXPECT_EQ(check(VacuumDrop{}), "");
+  EXPECT_EQ(check(VacuumStop{}), "");
+  for (const double mbar : {-3.0, 1.0, 49.0, 1001.0, 1e300, std::nan("")})
+    EXPECT_EQ(check(VacuumOn{.pressure_mbar = mbar}), "the vacuum must be 50 to 1000 mbar");
+  for (const double timeout : {0.0, 61.0, 1e300, std::nan("")}) {
+    EXPECT_EQ(check(VacuumOn{.timeout_s = timeout}), "the timeout must be above 0 and at most 60 s");
+    EXPECT_EQ(check(VacuumDrop{timeout}), "the timeout must be above 0 and at most 60 s");
+  }
 }
 
 // What a request declares, as programs see it. "key" is required, "key?" optional; "+" is positive, "0" zero

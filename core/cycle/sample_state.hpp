@@ -5,7 +5,7 @@
 
 namespace multipanda {
 
-// Copies what the arm measured and reported. Leaves owner, interventions and the command alone.
+// Copies the arm's measurements and reports. Leaves owner, interventions and the command unchanged.
 void set_state(ArmSample& sample, const ArmState& state);
 
 }  // namespace multipanda

@@ -1,5 +1,3 @@
-#include "core/features/collision_avoidance.hpp"
-
 #include <algorithm>
 #include <array>
 #include <atomic>
@@ -7,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "core/features/bounded_drive.hpp"
+#include "core/features/builtins.hpp"
 #include "core/features/collision_pairs.hpp"
 #include "core/types/triangular.hpp"
 
@@ -23,6 +23,9 @@ constexpr double kClearShare = 0.2;
 // to D / m = 1 / (e T), 92 1/s for T = 4 ms.
 constexpr double kDampingRate = 100;  // [1/s]
 
+// Most that a pair is pushed with, over spring_force: as much again as a law may press with.
+constexpr double kMostOfPair = 2;
+
 // With x = 1 - d/r: F/(k r) = h(x) = x / (1 - x), V/(k r^2) = -x - ln(1 - x): a spring of stiffness k at the
 // edge of the range that stiffens without limit towards contact. From x = kHard on it follows its tangent, so
 // that force and stiffness stay bounded even if bodies overlap.
@@ -36,6 +39,17 @@ Wall wall(double x) {
   return {force + slope * over, -s - std::log1p(-s) + force * over + 0.5 * slope * over * over, slope};
 }
 
+// Repulsion between bodies that could collide: the feature's own arms with each other, with themselves, with
+// the arms of other owners and with the fixed obstacles of the scene. For a pair at distance d below the
+// range r, x = 1 - d/r, n the unit vector from B's to A's closest point and v_n the rate at which the gap
+// closes:
+//   V = k r^2 (-x - ln(1 - x)),   F = -dV/dd + D x max(v_n, 0) = k r x/(1 - x) + D x max(v_n, 0),
+//   tau_A += J_A^T n F,   tau_B -= J_B^T n F,   J the Jacobians of the closest points.
+// The stiffness is k at the edge of the range and increases towards contact; beyond x = 0.8 the force follows
+// its tangent, so that it stays bounded. Arms of other owners are not pushed: their own feature does that.
+// Within bounds for contact -dV/dd is at most twice spring_force, and an arm gets of all its pairs together
+// what BoundedDrive leaves. The damping of its own approach comes on top; that of another arm's approach
+// would drive it away, and counts as the potential does.
 class CollisionAvoidance final : public Feature {
  public:
   static ControlletDescriptor descriptor() {
@@ -73,12 +87,13 @@ class CollisionAvoidance final : public Feature {
                 output_at<kLargestForce>("largest_force_n", "Largest repulsive force of a pair [N]."))};
   }
 
-  explicit CollisionAvoidance(const FeatureContext& context) : pairs_(context) {
+  explicit CollisionAvoidance(const FeatureContext& context)
+      : pairs_(context), own_(context.own.begin(), context.own.end()) {
     slot_.fill(kNotOwn);
     for (std::size_t i = 0; i < context.own.size(); ++i) slot_[context.own[i]] = i;
     name_conditions();
     if (pairs_.size() > 0) return;
-    // Without a pair it would be on and do nothing.
+    // Without a pair it would have no effect.
     refusal_ =
         "there is nothing to keep apart: arm '" + context.arms[context.own[0]]->name() +
         "' has no collision shapes, or nothing that they could meet; give its model 'self_collision', or "
@@ -112,6 +127,10 @@ class CollisionAvoidance final : public Feature {
     }
     pairs_.place(context.scene_arms);
     factored_ = {};
+    for (std::size_t k = 0; k < context.arms.size(); ++k) {
+      drive_[k].setZero(context.arms[k].q().size());
+      braking_[k] = drive_[k];
+    }
     // The nearest pair of the last cycle gives a bound that rules out most other pairs. A bound that is not a
     // number is that of an arm that nothing is known of: its pairs are left out, in both places.
     double smallest = kNothingNear;
@@ -131,6 +150,17 @@ class CollisionAvoidance final : public Feature {
       const Closest smooth = pairs_.smooth(i, closest);
       if (smooth.distance < range) repel(context, i, smooth, parameters);
     }
+    for (std::size_t k = 0; k < context.arms.size(); ++k) {
+      const JointMatrix* factor = active_ > 0 ? factor_of(context, own_[k]) : nullptr;
+      if (factor == nullptr) {
+        bounded_[k] = {};
+        drive_[k].setZero();
+      } else {
+        const JointVector* law = context.scene_arms[own_[k]].tau;
+        drive_[k] = bounded_[k].limit(context, context.arms[k], drive_[k], *factor, law);
+      }
+      *context.arms[k].tau += braking_[k] + drive_[k];
+    }
     context.outputs[kSmallest] = smallest;
     context.outputs[kActive] = active_;
     context.outputs[kPotential] = potential_;
@@ -142,7 +172,6 @@ class CollisionAvoidance final : public Feature {
   enum Parameter : std::size_t { kRange, kStiffness, kDamping, kParameterCount };
   enum Output : std::size_t { kSmallest, kActive, kPotential, kLargestForce, kOutputCount };
   static constexpr std::size_t kNotOwn = static_cast<std::size_t>(-1);
-  using PointJacobian = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, kMaxJoints>;
 
   void name_conditions() {
     const std::string general =
@@ -164,10 +193,9 @@ class CollisionAvoidance final : public Feature {
   static JointVector along_normal(ControlContext& context, const CollisionPairs::Body& body,
                                   const Vector3& p_W, const Vector3& n) {
     if (body.joint < 0) return {};
-    ModelTerms& terms = *context.scene_arms[body.arm].terms;
-    PointJacobian J(3, static_cast<Eigen::Index>(terms.joint_count()));
-    terms.point_jacobian(static_cast<std::size_t>(body.joint), p_W, J);
-    return J.transpose().lazyProduct(n);
+    Vector6 along = Vector6::Zero();
+    along.head<3>() = n;
+    return context.scene_arms[body.arm].terms->torque_of(static_cast<std::size_t>(body.joint), p_W, along);
   }
 
   void repel(ControlContext& context, std::size_t i, const Closest& closest, const ParameterSet& parameters) {
@@ -175,25 +203,26 @@ class CollisionAvoidance final : public Feature {
     const auto& b = pairs_.body(pairs_.pair(i).b);
     const JointVector to_a = along_normal(context, a, closest.p_A, closest.normal);
     const JointVector to_b = along_normal(context, b, closest.p_B, closest.normal);
-    // Rate of the distance [m/s]
-    const double opening = speed_along(context, a.arm, to_a) - speed_along(context, b.arm, to_b);
+    const double v_a = speed_along(context, a.arm, to_a), v_b = speed_along(context, b.arm, to_b);
+    const double closing = std::max(0.0, v_b - v_a);
     const double range = parameters.number(kRange), stiffness = parameters.number(kStiffness);
     const double x = 1 - closest.distance / range;
     const Wall w = wall(x);
-    double force = stiffness * range * w.force;
-    if (opening < 0) {
-      const bool itself = a.arm == b.arm && to_a.size() > 0 && to_b.size() > 0;
+    const double spring = std::min(stiffness * range * w.force, kMostOfPair * context.contact.spring_force);
+    const bool itself = a.arm == b.arm && to_a.size() > 0 && to_b.size() > 0;
+    double damping = 0;
+    if (closing > 0) {
       const double mobility =
           itself ? mobility_along(context, a.arm, to_a - to_b)
                  : mobility_along(context, a.arm, to_a) + mobility_along(context, b.arm, to_b);
       const double most = mobility > 0 ? kDampingRate / mobility : 0;
-      force -= std::min(parameters.number(kDamping), most) * std::min(x, 1.0) * opening;
+      damping = std::min(parameters.number(kDamping), most) * std::min(x, 1.0);
     }
-    if (to_a.size() > 0) push(context, a.arm, force, to_a);
-    if (to_b.size() > 0) push(context, b.arm, -force, to_b);
+    push(a.arm, to_a, spring, damping, closing, itself ? closing : -v_a);
+    push(b.arm, -to_b, spring, damping, closing, itself ? closing : v_b);
     active_ += 1;
     potential_ += stiffness * range * range * w.potential;
-    largest_force_ = std::max(largest_force_, force);
+    largest_force_ = std::max(largest_force_, spring + damping * closing);
   }
 
   // An arm of another owner whose velocity is unknown counts as standing still.
@@ -203,34 +232,47 @@ class CollisionAvoidance final : public Feature {
     return std::isfinite(speed) ? speed : 0;
   }
 
+  // The factor of the arm's mass matrix, or nullptr for an arm of which nothing is known now.
+  const JointMatrix* factor_of(ControlContext& context, ArmIndex arm) {
+    ModelTerms& terms = *context.scene_arms[arm].terms;
+    if (!factored_.contains(arm)) {
+      if (!terms.q().allFinite() || !cholesky_factor(terms.M(), factor_[arm])) return nullptr;
+      factored_ |= ArmSet::of(arm);
+    }
+    return &factor_[arm];
+  }
+
   // n^T J M^-1 J^T n: one over the mass that a force along n finds at the point [1/kg]. Zero for an arm of
   // which nothing is known now: it counts as immovable.
   double mobility_along(ControlContext& context, ArmIndex arm, const JointVector& along) {
-    if (along.size() == 0) return 0;
-    JointMatrix& factor = factor_[arm];
-    ModelTerms& terms = *context.scene_arms[arm].terms;
-    if (!factored_.contains(arm)) {
-      if (!terms.q().allFinite() || !cholesky_factor(terms.M(), factor)) return 0;
-      factored_ |= ArmSet::of(arm);
-    }
+    const JointMatrix* factor = along.size() == 0 ? nullptr : factor_of(context, arm);
+    if (factor == nullptr) return 0;
     Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, kMaxJoints> row = along.transpose();
-    divide_by_transposed_lower(factor, row);
+    divide_by_transposed_lower(*factor, row);
     const double mobility = row.squaredNorm();
     return std::isfinite(mobility) ? mobility : 0;
   }
 
-  void push(ControlContext& context, ArmIndex arm, double force, const JointVector& along) const {
-    if (slot_[arm] != kNotOwn) *context.arms[slot_[arm]].tau += force * along;
+  // `away`: J^T n of its point, empty if its body is fixed. `own`: the rate at which the arm itself closes.
+  void push(ArmIndex arm, const JointVector& away, double spring, double damping, double closing,
+            double own) {
+    if (away.size() == 0 || slot_[arm] == kNotOwn) return;
+    const double braked = std::clamp(own, 0.0, closing);
+    drive_[slot_[arm]] += (spring + damping * (closing - braked)) * away;
+    braking_[slot_[arm]] += damping * braked * away;
   }
 
   CollisionPairs pairs_;
-  std::array<std::size_t, kMaxArms> slot_;    // of each arm in context.arms
-  std::array<JointMatrix, kMaxArms> factor_;  // of each arm's mass matrix, lower half
-  ArmSet factored_;                           // arms whose factor is this cycle's
+  std::vector<ArmIndex> own_;                          // arms in context.arms
+  std::array<std::size_t, kMaxArms> slot_;             // of each arm in context.arms
+  std::array<JointMatrix, kMaxArms> factor_;           // of each arm's mass matrix, lower half
+  ArmSet factored_;                                    // arms whose factor is up to date
+  std::array<JointVector, kMaxArms> drive_, braking_;  // of all pairs, on each of context.arms
+  std::array<BoundedDrive, kMaxArms> bounded_;
   std::size_t nearest_ = 0;
   double active_ = 0, potential_ = 0, largest_force_ = 0;
   std::string refusal_;
-  // What a start asks for: in general, then for each pair with a hull around a base. Empty: no hulls.
+  // Conditions for a start: in general, then for each pair with a hull around a base. Empty: no hulls.
   std::vector<std::string> conditions_;
   std::vector<std::size_t> condition_of_;  // of each pair
   std::atomic<std::size_t> too_near_{0};   // the condition that the last refused start names

@@ -1,10 +1,10 @@
-#include "core/features/collision_avoidance.hpp"
-
 #include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>
 
+#include "core/features/bounded_drive.hpp"
+#include "core/features/builtins.hpp"
 #include "core/features/collision_pairs.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
@@ -624,6 +624,127 @@ TEST(CollisionAvoidance, ShowsNothingButTheDistanceWhereNothingIsNear) {
     EXPECT_EQ(rig.tau(0).norm() + rig.tau(1).norm(), 0);
   }
   EXPECT_GE(apart, 5);
+}
+
+// Within bounds for contact: the hand is drawn with them at most, with nothing where the push itself would
+// have it at hand_speed, and as without bounds where it approaches.
+TEST(CollisionAvoidance, PushesNoHandHarderOrFasterThanItsBounds) {
+  Draw draw(68);
+  const auto model = franka("fer", {});
+  ModelTerms terms(model);
+  int pushed = 0;
+  for (int trial = 0; trial < 60; ++trial) {
+    const JointVector q = model->q_home() + draw.joints(7, 0.1);
+    terms.update(q, zero(7));
+    const double below = terms.X_WE().position.z() - 0.0166 - draw.uniform(-0.01, 0.05);
+    const std::vector<Obstacle> table{
+        {"table", ConvexShape::half_space(), Pose{Matrix3::Identity(), {0, 0, below}}}};
+    ControlletRig free(collision_avoidance_feature(), {model}, table),
+        rig(collision_avoidance_feature(), {model}, table);
+    const ContactBounds contact;
+    rig.bound(contact);
+    const auto run = [&](ControlletRig& feature, const JointVector& dq) {
+      feature.place(0, q, dq);
+      EXPECT_EQ(feature.start(), LawResult::ok);
+      for (int k = 0; k < 101; ++k) EXPECT_EQ(feature.tick(0.001), LawResult::ok);  // it has come in
+      return feature.tau(0);
+    };
+    const JointVector at_rest = run(rig, zero(7)), unbounded = run(free, zero(7));
+    if (unbounded.isZero(0)) continue;
+    const Eigen::MatrixXd J = rig.terms(0).J_V_WE(), M_inv = inverse(rig.terms(0).M());
+    const Eigen::VectorXd pull = inverse(J * M_inv * J.transpose()) * (J * (M_inv * at_rest));
+    EXPECT_LT(pull.head<3>().norm(), 1.001 * contact.spring_force);
+    EXPECT_LT(pull.tail<3>().norm(), 1.001 * contact.spring_moment);
+    pushed += 1;
+    // Joints at s M^-1 tau move as the push would have them after s seconds.
+    const JointVector away = M_inv * at_rest;
+    const double hand = (J.topRows<3>() * away).norm(),
+                 s = std::min(contact.hand_speed / hand, 1 / away.norm());
+    for (const double share : {0.25, 0.5, 0.75}) {
+      const double left = 1 - share * s * std::min(1 / s, 200.0);
+      EXPECT_LT((run(rig, JointVector(away * (share * s))) - left * at_rest).norm(), 1e-9) << share;
+    }
+    EXPECT_LT(run(rig, JointVector(away * (4 * std::max(s, 1 / 200.0)))).norm(), 1e-9);
+    const JointVector closing = away * (-0.1 / hand);
+    EXPECT_LT((run(rig, closing) - at_rest - (run(free, closing) - unbounded)).norm(), 1e-9);
+  }
+  EXPECT_GT(pushed, 20);
+}
+
+// An arm that comes fast drives the other one away with no more than that. What comes fast itself is braked
+// as without bounds.
+TEST(CollisionAvoidance, AnArmThatComesThrowsNoOther) {
+  const Models models{franka("fer", {}), franka("fer", {rotation_from_rpy({0, 0, M_PI}), {0.69, 0.02, 0}})};
+  ControlletRig free(collision_avoidance_feature(), models, {}, {0}),
+      rig(collision_avoidance_feature(), models, {}, {0});
+  const ContactBounds contact;
+  rig.bound(contact);
+  const auto run = [&](ControlletRig& feature, double own, double other) {
+    for (const std::size_t arm : {0u, 1u}) {
+      ModelTerms& terms = feature.terms(arm);
+      terms.update(models[arm]->q_home(), zero(7));
+      const double speed = arm == 0 ? own : -other;  // along x
+      const JointVector dq = terms.task().J_bar.leftCols<1>() * speed;
+      feature.place(arm, models[arm]->q_home(), dq);
+    }
+    EXPECT_EQ(feature.start(), LawResult::ok);
+    for (int k = 0; k < 101; ++k) EXPECT_EQ(feature.tick(0.001), LawResult::ok);  // it has come in
+    return JointVector(feature.tau(0));
+  };
+  const auto pull = [&](const JointVector& tau) {
+    return Vector6(rig.terms(0).task().J_bar.transpose() * tau).head<3>().norm();
+  };
+  EXPECT_GT(pull(run(free, 0, 2)), 2 * contact.spring_force);
+  EXPECT_GT(pull(run(rig, 0, 2)), 0.9 * contact.spring_force);
+  EXPECT_LT(pull(run(rig, 0, 2)), 1.001 * contact.spring_force);
+  const JointVector braked = run(rig, 2, 0) - run(rig, 0, 0), whole = run(free, 2, 0) - run(free, 0, 0);
+  EXPECT_GT(pull(whole), contact.spring_force);
+  EXPECT_LT((braked - whole).norm(), 1e-9);
+}
+
+// Pushes of two features against a hand, and a law's against those.
+TEST(BoundedDrive, OfFeaturesTogetherKeepsToTheBounds) {
+  Draw draw(69);
+  const auto model = franka("fer", {});
+  ModelTerms terms(model);
+  ArmState state;
+  JointVector tau, law;
+  const OwnedArm arm{&state, &terms, &tau};
+  std::array scene{OwnedArm{&state, &terms, &law}};
+  ControlContext context;
+  context.dt = 0.2;  // each comes in at once
+  context.scene_arms = scene;
+  context.contact = {};
+  const double most = context.contact.spring_force;
+  for (int trial = 0; trial < 50; ++trial) {
+    state.q = model->q_home() + draw.joints(7, 0.1);
+    state.dq = zero(7);
+    terms.update(state.q, state.dq);
+    const Eigen::MatrixXd J = terms.J_V_WE();
+    const Vector3 along = Vector3(draw.uniform(-1, 1), draw.uniform(-1, 1), draw.uniform(-1, 1)).normalized();
+    const Vector3 across = along.unitOrthogonal();
+    const auto force = [&](const Vector3& f) -> JointVector { return J.topRows<3>().transpose() * f; };
+    const auto drawn = [&](const JointVector& torque) -> Vector3 {
+      const Eigen::MatrixXd M_inv = inverse(terms.M());
+      return (inverse(J * M_inv * J.transpose()) * (J * (M_inv * torque))).head<3>();
+    };
+    const auto both = [&](const Vector3& first, const Vector3& second, const Vector3& of_law) {
+      law = force(of_law);
+      tau = zero(7);
+      tau += BoundedDrive().limit(context, arm, force(first));
+      tau += BoundedDrive().limit(context, arm, force(second));
+      return drawn(tau);
+    };
+    const Vector3 none = Vector3::Zero(), push = 2 * most * along;
+    const double one = both(push, none, none).norm();  // less where the arm is light
+    EXPECT_GT(one, 0.3 * most);
+    EXPECT_LT(one, 1.001 * most);
+    EXPECT_LT(both(push, push, none).norm(), 1.001 * most);
+    EXPECT_LT(both(push, -push, none).norm(), 1.001 * most);
+    EXPECT_LT((both(push, push, -most * along) - most * along).norm(), 1.001 * most);
+    const Vector3 other = both(none, 2 * most * across, none);  // takes nothing from it
+    EXPECT_LT((both(push, 2 * most * across, none) - both(push, none, none) - other).norm(), 1e-6);
+  }
 }
 
 }  // namespace

@@ -13,7 +13,7 @@
 namespace multipanda {
 
 // The pairs of shapes that concern some arms of a scene (`own`), and their distances:
-//   - an own arm with itself: the pairs that its model names (ArmModel::self_pairs),
+//   - an own arm with itself: the pairs of its model (ArmModel::self_pairs),
 //   - an own arm with any other arm, of any owner: all pairs in which either shape can move; but a base
 //     that both have, equal shapes at the same place, is to each of them only its own base,
 //   - an own arm's moving shapes with the obstacles.
@@ -85,7 +85,7 @@ class CollisionPairs {
   std::vector<std::size_t> moving_;  // bodies in some pair that a joint moves
   // Those of the scene are the last bodies, in the same order.
   std::span<const Obstacle> obstacles_;
-  std::vector<Pose> X_WO_;  // where those bodies are
+  std::vector<Pose> X_WO_;  // present poses of those bodies
 };
 
 }  // namespace multipanda

@@ -5,7 +5,7 @@
 #include <type_traits>
 
 #include "core/controllets/controllet.hpp"
-#include "core/geometry/obstacle.hpp"
+#include "core/geometry/shape.hpp"
 #include "core/types/arm_set.hpp"
 
 namespace multipanda {
@@ -26,12 +26,12 @@ class Feature {
   virtual std::string_view start_condition() const { return {}; }
   virtual LawResult start(ControlContext& context) = 0;   // in the cycle it is switched on
   virtual LawResult update(ControlContext& context) = 0;  // arms[i].tau += ...
-  // Lowers upper bounds of parameters to what these arms bear. Before the loop, once.
+  // Lowers upper bounds of parameters to the limits of these arms. Before the loop, once.
   virtual void bound_parameters(ParameterSet& /*parameters*/) const {}
 };
 
-// Argument of a feature's factory. Except for the obstacles, it is valid during the call only; copy what the
-// feature keeps.
+// Argument of a feature's factory. Except for the obstacles, it is valid during the call only; the feature
+// must copy what it keeps.
 struct FeatureContext {
   ArmModels arms;                 // of the whole scene
   std::span<const ArmIndex> own;  // indices of context.arms, in that order

@@ -1,9 +1,8 @@
-#include "core/features/friction_compensation.hpp"
-
 #include <cmath>
 
 #include <gtest/gtest.h>
 
+#include "core/features/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/test_arm.hpp"
 

@@ -1,16 +1,20 @@
-#include "core/features/joint_limits.hpp"
-
 #include <algorithm>
 #include <limits>
 
-#include "core/controllets/bearable_damping.hpp"
+#include "core/controllets/damping_design.hpp"
+#include "core/features/bounded_drive.hpp"
+#include "core/features/builtins.hpp"
 
 namespace multipanda {
 namespace {
 
+// Repulsion from the joint limits. With d the distance of joint i to the nearer limit and r the range:
+//   V_i = 1/2 k (r - d)^2 for d < r, otherwise 0;   tau_i = -dV_i/dq_i - D (r - d)/r dq_i while moving
+//   outwards.
+// The spring is continuous at the edge of the range, and the damping grows from zero there.
 class JointLimits final : public Feature {
  public:
-  explicit JointLimits(const FeatureContext& context) {
+  explicit JointLimits(const FeatureContext& context) : drive_(context.own.size()) {
     for (const ArmIndex arm : context.own) bearable_.push_back(bearable_damping(*context.arms[arm]));
   }
 
@@ -71,18 +75,21 @@ class JointLimits final : public Feature {
     for (std::size_t a = 0; a < context.arms.size(); ++a) {
       OwnedArm& arm = context.arms[a];
       const auto& limits = arm.model().limits();
+      JointVector spring = JointVector::Zero(arm.q().size()), damping = spring;
       for (Eigen::Index i = 0; i < arm.q().size(); ++i) {
-        const auto& [r, k, damping, most] =
+        const auto& [r, k, largest_damping, most] =
             arm.model().is_prismatic(static_cast<std::size_t>(i)) ? sliding : turning;
         const double above = r - (arm.q()[i] - limits.q_min[i]);  // > 0: within the lower range
         const double below = r - (limits.q_max[i] - arm.q()[i]);
-        const double D = std::min(damping, bearable_[a][i]);
-        double tau = 0;
-        if (above > 0) tau += std::min(k * above, most) - (arm.dq()[i] < 0 ? D * above / r * arm.dq()[i] : 0);
-        if (below > 0) tau -= std::min(k * below, most) + (arm.dq()[i] > 0 ? D * below / r * arm.dq()[i] : 0);
-        (*arm.tau)[i] += tau;
-        largest = std::max(largest, std::abs(tau));
+        const double D = std::min(largest_damping, bearable_[a][i]);
+        if (above > 0) spring[i] += std::min(k * above, most);
+        if (below > 0) spring[i] -= std::min(k * below, most);
+        if (above > 0 && arm.dq()[i] < 0) damping[i] += D * above / r * arm.dq()[i];
+        if (below > 0 && arm.dq()[i] > 0) damping[i] += D * below / r * arm.dq()[i];
       }
+      const JointVector tau = drive_[a].limit(context, arm, spring) - damping;
+      *arm.tau += tau;
+      largest = std::max(largest, tau.lpNorm<Eigen::Infinity>());
     }
     context.outputs[kLargest] = largest;
     return LawResult::ok;
@@ -102,10 +109,11 @@ class JointLimits final : public Feature {
 
   struct Gains {
     double range, stiffness, damping;
-    double most = std::numeric_limits<double>::infinity();  // of the spring: of a carriage [N]
+    double most = std::numeric_limits<double>::infinity();  // bound on the spring of a carriage [N]
   };
 
   std::vector<JointVector> bearable_;  // of each arm
+  std::vector<BoundedDrive> drive_;
 };
 
 }  // namespace

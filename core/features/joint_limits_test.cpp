@@ -1,7 +1,6 @@
-#include "core/features/joint_limits.hpp"
-
 #include <gtest/gtest.h>
 
+#include "core/features/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/test_arm.hpp"
 

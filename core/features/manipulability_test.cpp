@@ -1,11 +1,10 @@
-#include "core/features/manipulability.hpp"
-
 #include <cmath>
 #include <numbers>
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/cartesian_impedance.hpp"
+#include "core/controllets/builtins.hpp"
+#include "core/features/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
 #include "core/testing/plain_arm.hpp"

@@ -1,8 +1,8 @@
-#include "core/geometry/convex_cores.hpp"
-
 #include <array>
 #include <cmath>
 #include <limits>
+
+#include "core/geometry/distance.hpp"
 
 namespace multipanda {
 namespace {
@@ -131,7 +131,7 @@ Nearest nearest_to_origin(const Simplex& s) {
   Nearest n;
   if (encloses_origin(s)) {
     n.square = 0;
-    n.weight.fill(0.25);  // not used: the cores overlap
+    n.weight.fill(0.25);  // unused: the cores overlap
     return n;
   }
   offer(n, on_triangle(s, 0, 1, 2));

@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/geometry/convex_cores.hpp"
-
 namespace multipanda {
 namespace {
 

@@ -191,7 +191,8 @@ struct Twin {
 
 Twin draw_twin(Draw& draw) {
   const double r = draw.uniform(0.02, 0.15), l = draw.uniform(0.05, 0.4);
-  const Vector3 size(draw.uniform(0.02, 0.4), draw.uniform(0.02, 0.4), draw.uniform(0.02, 0.4));
+  Vector3 size;
+  for (int i = 2; i >= 0; --i) size[i] = draw.uniform(0.02, 0.4);
   switch (draw.index(5)) {
     case 0:
       return {ConvexShape::box(size), std::make_shared<coal::Box>(size), {}};

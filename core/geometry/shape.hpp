@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <string>
 
 #include "core/types/spatial.hpp"
 
@@ -42,5 +43,14 @@ struct BoundingSphere {
   double radius = 0;
 };
 BoundingSphere bounding_sphere(const ConvexShape& shape);
+
+// A fixed object in the world, such as a table, a wall or the floor. Nothing pushes it, but the timeline of a
+// simulation may place it elsewhere.
+struct Obstacle {
+  std::string name;
+  ConvexShape shape;
+  Pose X_WO;               // the shape's frame in the world
+  bool is_placed = false;  // a simulation may move it during the run
+};
 
 }  // namespace multipanda

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/geometry/convex_cores.hpp"
+#include "core/geometry/distance.hpp"
 
 namespace multipanda {
 namespace {

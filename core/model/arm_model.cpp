@@ -111,4 +111,10 @@ ArmModel::ArmModel(ArmModelSource source)
 
 ArmModel::~ArmModel() = default;
 
+JointRange ArmModel::joint_range() const {
+  JointRange range{.min = source_.limits.q_min, .max = source_.limits.q_max};
+  for (std::size_t i = 0; i < joint_count_; ++i) range.prismatic |= (prismatic_[i] ? 1u : 0u) << i;
+  return range;
+}
+
 }  // namespace multipanda

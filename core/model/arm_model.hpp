@@ -9,6 +9,7 @@
 
 #include "core/geometry/shape.hpp"
 #include "core/state/arm_state.hpp"
+#include "core/types/joint_range.hpp"
 #include "core/types/joints.hpp"
 #include "core/types/position_based_velocity.hpp"
 #include "core/types/spatial.hpp"
@@ -43,6 +44,9 @@ struct CollisionShape {
   bool scene = true;  // checked against obstacles; false for parts that stand on them
 };
 
+// Farther from the flange no usual tool ends; an end effector out there turns the arm's real tool fast [m].
+inline constexpr double kFarthestEndEffector = 0.5;
+
 // The data that an ArmModel is built from. It fixes neither the joint count nor the manufacturer.
 struct ArmModelSource {
   std::string name;    // used in messages
@@ -54,14 +58,17 @@ struct ArmModelSource {
   std::optional<JointFrictionTable> known_friction;
   // The heaviest payload that may be declared, hand and tool not counted [kg]; none: no bound is known.
   std::optional<double> largest_load = {};
+  double farthest_end_effector = kFarthestEndEffector;  // from the flange, that may be set [m]
   JointVector motor_inertia = {};  // seen at the joint [kg m^2] (n x 1); empty: none, or not known
   // The part of it that the mass matrix of ModelTerms contains (n x 1); empty: none. Momentum, Coriolis and
   // gravity torque remain those of the links, as the torque sensor measures them.
   JointVector known_motor_inertia = {};
   Load tool = {};  // what the flange carries from the start, for bounds before the first state
+  // The point of hand and tool that is farthest from the flange, in its frame [m]; zero: none is known.
+  Vector3 tool_end = Vector3::Zero();
   std::vector<CollisionShape> collision_shapes;  // empty: no collision checks
-  std::vector<std::pair<std::size_t, std::size_t>>
-      self_pairs;  // indices of shapes that are checked against each other
+  // Indices of shapes that are checked against each other.
+  std::vector<std::pair<std::size_t, std::size_t>> self_pairs;
 };
 
 // The fixed part of an arm's rigid-body model. Immutable, so threads may share it.
@@ -80,6 +87,7 @@ class ArmModel {
   bool is_prismatic(std::size_t joint) const { return prismatic_[joint]; }
   const Pose& X_WB() const { return source_.X_WB; }
   const ArmLimits& limits() const { return source_.limits; }
+  JointRange joint_range() const;
   const JointVector& q_home() const { return source_.q_home; }
   const std::string& urdf() const { return source_.urdf; }
   const std::vector<CollisionShape>& collision_shapes() const { return source_.collision_shapes; }
@@ -92,6 +100,9 @@ class ArmModel {
   // The heaviest payload that may be declared to this arm [kg]; none: no bound is known.
   const Load& tool() const { return source_.tool; }  // what the flange carries from the start
   const std::optional<double>& largest_load() const { return source_.largest_load; }
+  const Vector3& tool_end() const { return source_.tool_end; }  // in the flange [m]
+  // The farthest from the flange that an end effector may be set [m].
+  double farthest_end_effector() const { return source_.farthest_end_effector; }
   // The friction that the scene declares to the controllers, if any.
   const std::optional<JointFrictionTable>& known_friction() const { return source_.known_friction; }
 

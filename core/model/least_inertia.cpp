@@ -18,7 +18,7 @@ JointVector drawn_pose(const ArmModel& model, int k, std::mt19937& engine) {
   return q;
 }
 
-// 1 / (M^-1)_ii: what a torque of joint i alone accelerates while all other joints are free.
+// 1 / (M^-1)_ii: the inertia that a torque of joint i alone accelerates while all other joints are free.
 void keep_least(const JointMatrix& M, JointVector& least) {
   JointMatrix L;
   if (!cholesky_factor(M, L)) return;

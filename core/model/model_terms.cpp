@@ -78,7 +78,7 @@ void ModelTerms::place_base(const Pose& X_WB) {
 }
 
 void ModelTerms::stand_on(ModelTerms& carrier, const BaseMount& mount) {
-  // What the carrier computed of the carried arm is of its last pose.
+  // Terms of the carried arm computed by the carrier belong to its last pose.
   carrier.done_ &= kKinematics | kJacobian | kTwist | kManipulability | kManipulabilityTerms;
   V_WB_.vector.setZero();
   done_ = 0;
@@ -119,6 +119,11 @@ const Pose& ModelTerms::X_WE() {
 const Pose& ModelTerms::X_WK() {
   need_kinematics();
   return X_WK_;
+}
+
+std::array<Vector3, 2> ModelTerms::points_from_hand() {
+  need_kinematics();
+  return {X_WF_.position - X_WE_.position, X_WF_ * model_->tool_end() - X_WE_.position};
 }
 
 Pose ModelTerms::X_WJ(std::size_t joint) {

@@ -1,11 +1,11 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 
 #include "core/model/arm_model.hpp"
 #include "core/model/base_mount.hpp"
-#include "core/model/manipulability.hpp"
 #include "core/model/task_space.hpp"
 #include "core/state/arm_state.hpp"
 
@@ -52,6 +52,8 @@ class ModelTerms {
   const Pose& X_WF();
   const Pose& X_WE();
   const Pose& X_WK();
+  // From E to the flange and to the end of the tool (ArmModel::tool_end), world axes [m].
+  std::array<Vector3, 2> points_from_hand();
   const Jacobian& J_V_WE();      // V_WE = J_V_WE dq, at E's origin, world axes (6 x n)
   const Twist& V_WE();           // [m/s, rad/s]
   Pose X_WJ(std::size_t joint);  // frame of joint 0..n-1

@@ -9,8 +9,8 @@
 namespace multipanda {
 
 struct ArmModel::Pinocchio {
-  pinocchio::Model
-      model;  // the first joint's placement includes the base's pose, so results are in the world
+  // The first joint's placement includes the base's pose, so results are in the world.
+  pinocchio::Model model;
   pinocchio::FrameIndex flange = 0;
   pinocchio::JointIndex last_joint = 0;
   pinocchio::SE3 X_JF;  // flange in the last joint's frame

@@ -86,7 +86,8 @@ TEST(PrismaticJoints, OfArmsThatAreTakenStayLevelInEveryPose) {
   std::array<int, 2> taken{}, refused{};
   std::array<double, 2> steepest{};
   for (int trial = 0; trial < 300; ++trial) {
-    const Vector3 rpy(draw.uniform(-0.04, 0.04), draw.uniform(-0.04, 0.04), draw.uniform(-3, 3));
+    const double yaw = draw.uniform(-3, 3), pitch = draw.uniform(-0.04, 0.04);
+    const Vector3 rpy(draw.uniform(-0.04, 0.04), pitch, yaw);
     const bool twice = trial % 2 == 1;
     const auto model = slide_turn_slide(rotation_from_rpy(twice ? 0.5 * rpy : rpy), 5, twice);
     const auto joints = static_cast<Eigen::Index>(model->joint_count());

@@ -1,21 +1,7 @@
 // All controllets and features of multipanda. Add a line here for a new one.
-#include "core/controllets/cartesian_impedance.hpp"
-#include "core/controllets/coupled_dual_cartesian_impedance.hpp"
-#include "core/controllets/coupled_ufic.hpp"
-#include "core/controllets/dual_cartesian_impedance.hpp"
-#include "core/controllets/force.hpp"
-#include "core/controllets/gravity_compensation.hpp"
-#include "core/controllets/hold.hpp"
-#include "core/controllets/hybrid_force.hpp"
-#include "core/controllets/joint_follower.hpp"
-#include "core/controllets/joint_impedance.hpp"
-#include "core/controllets/pose_follower.hpp"
-#include "core/controllets/teleoperation.hpp"
-#include "core/controllets/ufic.hpp"
-#include "core/features/collision_avoidance.hpp"
-#include "core/features/friction_compensation.hpp"
-#include "core/features/joint_limits.hpp"
-#include "core/features/manipulability.hpp"
+#include "core/controllets/builtins.hpp"
+
+#include "core/features/builtins.hpp"
 #include "core/modes/registry.hpp"
 
 namespace multipanda {

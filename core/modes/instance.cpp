@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 #include "core/controllets/prismatic_parameters.hpp"
@@ -70,9 +71,11 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
   std::vector<std::shared_ptr<const ArmModel>> all_models;
   for (ArmIndex arm = 0; arm < blocks.states.size(); ++arm) {
     all_models.push_back(blocks.terms[arm].shared_model());
-    scene_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], nullptr});
+    JointVector* of_controllet = arms_.contains(arm) ? &blocks.tau_controllet[arm] : nullptr;
+    scene_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], of_controllet});
   }
   const FeatureContext context{all_models, arm_list_, blocks.obstacles, blocks.friction_compensated};
+  for (const auto& model : models) model->least_inertia();  // found once, not in the loop
   controllet_ = controllet_type(config, registry, blocks).create(models);
   bound_revolute_joints(descriptor_.parameters, *models[0], parameters_);
   controllet_->bound_parameters(parameters_);
@@ -94,8 +97,9 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     if (input.quantity == Quantity::pose || input.quantity == Quantity::twist) {
       input.max_speed = std::min(input.max_speed, contact_.hand_speed);
     }
-    const std::size_t joint_count = models[input.arm]->joint_count();
-    inputs_.emplace_back(std::move(input), joint_count);
+    const ArmModel& model = *models[input.arm];
+    inputs_.emplace_back(std::move(input), model.joint_count(), model.joint_range());
+    goals_.push_back({.until = {}, .goal = {}, .arms = std::vector<WatchedGoal::Start>(arm_list_.size())});
   }
   for (const auto& change : config.inputs) {
     if (find_input(change.name) == inputs_.size()) refuse(name_, "it has no input '" + change.name + "'");
@@ -234,10 +238,85 @@ ControlContext Instance::feature_context(FeatureSlot& slot, const Tick& tick) {
           scene_arms_, contact_};
 }
 
+bool Instance::watch_goal(std::size_t input, const Target& goal, const GoalEnd& until) {
+  const auto feels = [](const OwnedArm& arm) { return arm.state->has_wrench_estimate; };
+  if (until.feels() && !std::ranges::all_of(law_arms_, feels)) return false;
+  WatchedGoal& watched = goals_[input];
+  watched.until = until;
+  if (!until.set()) return true;
+  watched.goal = goal.values;
+  for (std::size_t i = 0; i < law_arms_.size(); ++i)
+    watched.arms[i] = {law_arms_[i].state->F_K_W_est, law_arms_[i].terms->X_WE().position};
+  return true;
+}
+
+// The set-point rests at the goal: what happens from now on does not end it.
+bool Instance::there(const WatchedGoal& watched, const Reference& input) const {
+  constexpr double kNear = 1e-9;  // [m], [rad]
+  const auto& goal = watched.goal;
+  if (input.spec().quantity == Quantity::joints) {
+    const Eigen::Map<const Eigen::VectorXd> q(goal.data(), input.joints().size());
+    return (q - input.joints()).lpNorm<Eigen::Infinity>() < kNear;
+  }
+  const Pose X = Pose::from({goal[0], goal[1], goal[2]}, Quaternion(goal[3], goal[4], goal[5], goal[6]));
+  return pose_error(X, input.pose()).norm() < kNear;
+}
+
+bool Instance::has_ended(const WatchedGoal& watched, EndedGoal& ended) const {
+  for (std::size_t i = 0; i < law_arms_.size(); ++i) {
+    const ArmState& state = *law_arms_[i].state;
+    const Wrench& before = watched.arms[i].F_K_W;
+    double force = (state.F_K_W_est.force() - before.force()).norm();
+    double moment = (state.F_K_W_est.torque() - before.torque()).norm();
+    if (!state.has_wrench_estimate) force = moment = std::numeric_limits<double>::quiet_NaN();
+    const std::array measured{force, moment,
+                              (law_arms_[i].terms->X_WE().position - watched.arms[i].p_WE).norm()};
+    for (std::size_t cause = 0; cause < GoalEnd::count_; ++cause) {
+      const double limit = watched.until.limits[cause];
+      if (!(limit < GoalEnd::kNever) || measured[cause] < limit) continue;
+      ended.arm = i;
+      ended.cause = static_cast<GoalEnd::Cause>(cause);
+      ended.measured = measured[cause];
+      ended.limit = limit;
+      return true;
+    }
+  }
+  return false;
+}
+
+bool Instance::end_goal(EndedGoal& ended) {
+  constexpr double kBraking = 0.05;  // way of the set-point to rest, as a share of its velocity [s]
+  for (std::size_t k = 0; k < inputs_.size(); ++k) {
+    WatchedGoal& watched = goals_[k];
+    if (!watched.until.set()) continue;
+    Reference& input = inputs_[k];
+    if (input.streaming() || there(watched, input)) watched.until = {};
+    if (!watched.until.set() || !has_ended(watched, ended)) continue;
+    ended.input = k;
+    watched.until = {};
+    Target rest;
+    if (input.spec().quantity == Quantity::joints) {
+      const JointVector q = input.joints() + kBraking * input.joint_velocity();
+      rest.set({q.data(), static_cast<std::size_t>(q.size())});
+    } else {
+      Pose X = input.pose();
+      X.position += kBraking * input.twist().linear();
+      X.rotation = exp_rotation(kBraking * input.twist().angular()) * X.rotation;
+      rest = pose_target(X);
+    }
+    input.set(rest);
+    return true;
+  }
+  return false;
+}
+
 LawResult Instance::start(const Tick& tick) try {
+  for (WatchedGoal& goal : goals_) goal.until = {};
   served_ = {};
   dt_ = kArmPeriod;
   last_tick_ = tick.t + -kArmPeriodNs;
+  still_share_ = stopped_ ? 1 : 0;
+  still_tau_.setZero(static_cast<Eigen::Index>(law_arms_[0].model().joint_count()));
   parameters_.finish();
   for (std::size_t i = 0; i < law_arms_.size(); ++i) X_FE_[i] = law_arms_[i].state->frames.X_FE;
   ControlContext law = context(tick);
@@ -247,7 +326,10 @@ LawResult Instance::start(const Tick& tick) try {
     FeatureSlot& slot = features_[i];
     slot.parameters.finish();
     slot.fade = 0;
-    if (!feature_on(i)) continue;
+    if (!feature_on(i)) {
+      clear_outputs(slot);
+      continue;
+    }
     ControlContext with = feature_context(slot, tick);
     if (slot.feature->start(with) != LawResult::ok) return LawResult::fault;
   }
@@ -258,7 +340,8 @@ LawResult Instance::start(const Tick& tick) try {
 
 // Arms that stand on others, and those that carry them, are for laws that say so: a pose
 // that a law keeps in coordinates of a base would be wrong. A law whose carrier is lost does not know where
-// its arm is: the carrier counts as observed, except by a hold, which needs no more than its own joints.
+// its arm is, and a carrier sweeps the arm on it, which a stop is to leave where it is: each counts as
+// observed by the laws of the other, except by a hold, which needs no more than its own joints.
 void Instance::see_bases(const ArmBlocks& blocks) {
   const ArmSet involved = arms_ | observed_;
   for (ArmIndex arm = 0; arm < blocks.mounts.size(); ++arm) {
@@ -267,10 +350,12 @@ void Instance::see_bases(const ArmBlocks& blocks) {
     const BaseMount& mount = *blocks.mounts[arm];
     if (!descriptor_.moving_base && (involved.contains(arm) || involved.contains(mount.carrier))) {
       refuse(name_, "'" + descriptor_.type + "' is not for an arm that stands on another one, nor for one " +
-                        "that carries an arm; see docs/carried_arms.md for the types that are");
+                        "that carries an arm; see docs/models.md for the types that are");
     }
-    const bool needs_carrier = involved.contains(arm) && !arms_.contains(mount.carrier);
-    if (needs_carrier && descriptor_.type != "hold") observed_ |= ArmSet::of(mount.carrier);
+    if (descriptor_.type != "hold") {
+      if (involved.contains(arm)) observed_ |= ArmSet::of(mount.carrier) - arms_;
+      if (arms_.contains(mount.carrier)) observed_ |= ArmSet::of(arm) - arms_;
+    }
     if (arms_.contains(arm)) mounted_ |= ArmSet::of(arm);
     for (std::size_t i = 0; i < arm_list_.size(); ++i) {
       if (arm_list_[i] != mount.carrier) continue;
@@ -301,17 +386,20 @@ LawResult Instance::set_feature(std::size_t i, bool on, bool active, const Tick&
   FeatureSlot& slot = features_[i];
   if (on && !feature_refusal(i).empty()) return LawResult::fault;
   if (active && on && !feature_on(i)) {
-    slot.parameters.finish();
-    slot.fade = 0;
+    if (slot.fade == 0) slot.parameters.finish();
     ControlContext with = feature_context(slot, tick);
     if (slot.feature->start(with) != LawResult::ok) return LawResult::fault;
   }
   switch_feature(i, on);
-  if (!on)
-    std::fill_n(outputs_.begin() + static_cast<std::ptrdiff_t>(slot.output_offset), slot.output_count, 0.0);
+  if (!on && !active) clear_outputs(slot);
   return LawResult::ok;
 } catch (...) {
   return LawResult::fault;
+}
+
+void Instance::clear_outputs(FeatureSlot& slot) {
+  slot.fade = 0;
+  std::fill_n(outputs_.begin() + static_cast<std::ptrdiff_t>(slot.output_offset), slot.output_count, 0.0);
 }
 
 bool Instance::begins_tick(ArmSet due, const Tick& tick) {
@@ -351,6 +439,23 @@ void Instance::bound_joint_speed(Reference& input) {
   input.bound_carried_speed(J);
 }
 
+// Flange and tool are as hard as the end effector, wherever that is.
+void Instance::bound_points(Reference& input) {
+  const InputSpec& spec = input.spec();
+  double farthest = 0;
+  Reference::Points points;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < law_arms_.size(); ++i) {
+    ModelTerms& terms = *law_arms_[i].terms;
+    for (const Vector3& p : terms.points_from_hand()) {
+      farthest = std::max(farthest, p.norm());
+      if ((i != spec.arm && !spec.common) || count == points.size()) continue;
+      points[count++] = spec.quantity == Quantity::pose ? Vector3(terms.X_WE().rotation.transpose() * p) : p;
+    }
+  }
+  input.bound_points(contact_.hand_speed, std::span(points).first(count), farthest);
+}
+
 Intervention Instance::update(const Tick& tick) try {
   // After missed cycles the references go on from where they were, rather than catch up in one step.
   constexpr double kLongestTick = 5;  // periods
@@ -359,8 +464,11 @@ Intervention Instance::update(const Tick& tick) try {
   parameters_.advance(dt_);
   carry_set_points(tick);
   for (auto& input : inputs_) {
-    if (input.spec().quantity == Quantity::joints && std::isfinite(contact_.hand_speed))
-      bound_joint_speed(input);
+    const Quantity quantity = input.spec().quantity;
+    if (std::isfinite(contact_.hand_speed) && (quantity == Quantity::joints || quantity == Quantity::pose)) {
+      bound_points(input);
+      if (quantity == Quantity::joints) bound_joint_speed(input);
+    }
     input.advance(dt_, tick.t.seconds());
     if (input.stale()) return Intervention::reference_stale;
   }
@@ -372,9 +480,11 @@ Intervention Instance::update(const Tick& tick) try {
   return Intervention::controllet_threw;
 }
 
-// A feature that finds its arm within reach of an obstacle or a limit when it starts would begin with a step.
-LawResult Instance::update_faded(FeatureSlot& slot, ControlContext& context) {
-  slot.fade = std::min(1.0, slot.fade + dt_ / ParameterSet::kRamp);
+// A feature whose arm is already within range of an obstacle or limit would start with a step, and one that
+// holds its arm off would end with one.
+LawResult Instance::update_faded(FeatureSlot& slot, ControlContext& context, double goal) {
+  const double step = dt_ / ParameterSet::kRamp;
+  slot.fade = std::clamp(goal, slot.fade - step, slot.fade + step);
   std::array<JointVector, kMaxArms> before;
   for (std::size_t a = 0; a < feature_arms_.size(); ++a) before[a] = *feature_arms_[a].tau;
   const LawResult result = slot.feature->update(context);
@@ -386,19 +496,65 @@ LawResult Instance::update_faded(FeatureSlot& slot, ControlContext& context) {
   return result;
 }
 
-Intervention Instance::update_features(const Tick& tick) try {
+Intervention Instance::run_features(const Tick& tick) {
   for (auto& arm : feature_arms_) arm.tau->setZero(static_cast<Eigen::Index>(arm.model().joint_count()));
   for (std::size_t i = 0; i < features_.size(); ++i) {
     FeatureSlot& slot = features_[i];
-    if (!feature_on(i)) continue;
+    const bool on = feature_on(i);
+    if (!on && slot.fade == 0) continue;
     slot.parameters.advance(dt_);
     ControlContext with = feature_context(slot, tick);
-    const bool fades = slot.fade < 1;
-    if ((fades ? update_faded(slot, with) : slot.feature->update(with)) != LawResult::ok) {
-      return Intervention::controllet_fault;
-    }
+    const double goal = on ? 1 : 0;
+    const LawResult result = slot.fade != goal ? update_faded(slot, with, goal) : slot.feature->update(with);
+    if (!on && (slot.fade == 0 || result != LawResult::ok)) clear_outputs(slot);
+    if (on && result != LawResult::ok) return Intervention::controllet_fault;
   }
   return Intervention::none;
+}
+
+// A hold has one arm. Keeps the torque of its features at rest, where only potentials act, as far as the
+// spring opposes it: what that does not bear yet would move the arm on.
+void Instance::keep_still(const Tick& tick) {
+  OwnedArm &law = law_arms_[0], &feature = feature_arms_[0], &shown = scene_arms_[arm_list_[0]];
+  const ArmState* measured = law.state;
+  const auto show = [&](const ArmState* state) { law.state = feature.state = shown.state = state; };
+  const JointVector held = *law.tau;
+  at_rest_ = *measured;
+  at_rest_.dq.setZero();
+  show(&at_rest_);
+  bool known = false;
+  try {
+    ControlContext with = context(tick);
+    known = controllet_->update(with) == LawResult::ok && run_features(tick) == Intervention::none &&
+            feature.tau->size() == held.size();
+  } catch (...) {  // a feature, which throws again where that is reported
+    known = false;
+  }
+  show(measured);
+  const JointVector bears = law.terms->c() - *law.tau;
+  *law.tau = held;
+  still_tau_ *= still_share_;
+  if (known) still_tau_ += *feature.tau;
+  still_tau_ = still_tau_.cwiseMax(bears.cwiseMin(0)).cwiseMin(bears.cwiseMax(0)).eval();
+  if (!still_tau_.allFinite()) still_tau_.setZero();
+  still_share_ = 1;
+}
+
+// While its arm is stopped the features of a hold are there for their outputs. Afterwards they fade in, and
+// what they did at the stop fades out.
+Intervention Instance::update_features(const Tick& tick) try {
+  if (stopped_ && still_share_ < 1) keep_still(tick);
+  const Intervention found = run_features(tick);
+  if (still_share_ == 0) return found;
+  JointVector& tau = *feature_arms_[0].tau;
+  if (stopped_) {
+    tau.setZero(still_tau_.size());
+    for (FeatureSlot& slot : features_) slot.fade = 0;
+  } else {
+    still_share_ = std::max(0.0, still_share_ - dt_ / ParameterSet::kRamp);
+  }
+  if (tau.size() == still_tau_.size()) tau += still_share_ * still_tau_;
+  return stopped_ ? Intervention::none : found;
 } catch (...) {
   return Intervention::controllet_threw;
 }

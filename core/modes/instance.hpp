@@ -42,7 +42,7 @@ struct ArmBlocks {
   std::span<const Obstacle> obstacles = {};
   ArmSet friction_compensated = {};
   std::span<const ArmCondition> conditions = {};  // for the multimode controller; instances do not need it
-  std::span<const std::optional<BaseMount>> mounts = {};  // of arms that stand on others; empty: none does
+  std::span<const std::optional<BaseMount>> mounts = {};  // mounts of carried arms; empty: none is carried
 };
 
 // One controllet with its parameters, references and features, bound to its arms. Built before the loop.
@@ -56,9 +56,9 @@ class Instance {
   const ControlletDescriptor& descriptor() const { return descriptor_; }
   ArmSet arms() const { return arms_; }
   const std::vector<ArmIndex>& arm_list() const { return arm_list_; }
-  // Arms that it reads and does not own, carriers of its arms included.
+  // Arms that it reads and does not own, and those that carry its arms or stand on them.
   ArmSet observed() const { return observed_; }
-  const std::vector<ArmIndex>& observed_list() const { return observed_list_; }  // without carriers
+  const std::vector<ArmIndex>& observed_list() const { return observed_list_; }  // those that it reads
   const ContactBounds& contact() const { return contact_; }
 
   // Parameters of the controllet, then of its features, in one numbering; names as in InstanceConfig::Value.
@@ -69,13 +69,13 @@ class Instance {
   std::vector<double> parameter(std::size_t i) const;  // target value; any thread except the loop's
   std::size_t parameter_size(std::size_t i) const;
   Verdict check_parameter(std::size_t i, std::span<const double> values) const;
-  // Why these values are above what the arm bears; empty if they are not. Any thread except the loop's.
+  // Why these values exceed the arm's bounds; empty: they do not. Any thread except the loop's.
   std::string bound_text(std::size_t i, std::span<const double> values) const;
 
   std::size_t feature_count() const { return features_.size(); }
   const ControlletDescriptor& feature_descriptor(std::size_t i) const { return features_[i].descriptor; }
   std::size_t find_feature(std::string_view type) const;  // feature_count(): unknown
-  // Why the feature cannot be switched on here in any state; empty if it can.
+  // Why the feature cannot be switched on here in any state; empty: it can.
   std::string_view feature_refusal(std::size_t i) const;
   std::string_view start_condition(std::size_t feature) const {
     return features_[feature].feature->start_condition();
@@ -98,6 +98,16 @@ class Instance {
   void set_parameter(std::size_t i, std::span<const double> values, bool active);
   LawResult set_feature(std::size_t i, bool on, bool active, const Tick& tick);
   void set_stopped(bool stopped) { stopped_ = stopped; }  // its arm, of a hold
+  // Ends of the newest goal of an input, from the arms' present state on. False: an arm's force would have to
+  // be known, and is not.
+  bool watch_goal(std::size_t input, const Target& goal, const GoalEnd& until);
+  // Before update(): ends a goal whose end has come. Returns whether there was one.
+  struct EndedGoal {
+    std::size_t input = 0, arm = 0;  // arm: index in the list of its arms
+    GoalEnd::Cause cause = GoalEnd::force;
+    double measured = 0, limit = 0;  // not a number: the force is not known any more
+  };
+  bool end_goal(EndedGoal& ended);
   // Starts the references at the measured state, then the controllet and its features. fault: refused,
   // or an exception.
   LawResult start(const Tick& tick);
@@ -117,12 +127,29 @@ class Instance {
     std::unique_ptr<Feature> feature;
     ParameterSet parameters;
     std::size_t output_offset = 0, output_count = 0;
-    double fade = 0;  // share of its torque that acts: grows to 1 within ParameterSet::kRamp after each start
+    // Share of its torque that acts: grows to 1 within ParameterSet::kRamp after each start, and falls to 0
+    // after it was switched off.
+    double fade = 0;
   };
-  LawResult update_faded(FeatureSlot& slot, ControlContext& context);
+  struct WatchedGoal {
+    GoalEnd until;
+    std::array<double, kMaxTargetValues> goal{};
+    struct Start {
+      Wrench F_K_W;
+      Vector3 p_WE;
+    };
+    std::vector<Start> arms;  // of the instance
+  };
+  LawResult update_faded(FeatureSlot& slot, ControlContext& context, double goal);
+  Intervention run_features(const Tick& tick);
+  void clear_outputs(FeatureSlot& slot);
+  void keep_still(const Tick& tick);
   void switch_feature(std::size_t i, bool on);
+  bool there(const WatchedGoal& goal, const Reference& input) const;
+  bool has_ended(const WatchedGoal& goal, EndedGoal& ended) const;
   void see_bases(const ArmBlocks& blocks);
   void bound_joint_speed(Reference& input);
+  void bound_points(Reference& input);
   void carry_set_points(const Tick& tick);
   ControlContext context(const Tick& tick);
   ControlContext feature_context(FeatureSlot& slot, const Tick& tick);
@@ -136,6 +163,7 @@ class Instance {
   std::unique_ptr<Controllet> controllet_;
   ParameterSet parameters_;
   std::vector<Reference> inputs_;
+  std::vector<WatchedGoal> goals_;  // of the inputs
   std::vector<FeatureSlot> features_;
   std::atomic<std::uint32_t> features_on_{0};  // bit i: feature i; written by the loop (or before it)
   std::vector<std::string> parameter_names_;
@@ -146,7 +174,11 @@ class Instance {
   bool bases_move_ = false;  // an arm of the scene stands on another one
   ContactBounds contact_;
   bool stopped_ = false;
-  std::vector<Pose> X_FE_;  // end effectors for which the set-points are
+  // What a hold's features did when its arm was stopped: that remains, and fades out after a resume.
+  double still_share_ = 0;  // 1 while it is stopped
+  JointVector still_tau_;   // (n x 1) [N m]
+  ArmState at_rest_;
+  std::vector<Pose> X_FE_;  // end effectors of the set-points
   ArmSet served_;           // arms that received the torque of the current tick
   LoopTime last_tick_;
   double dt_ = kArmPeriod;  // of the current tick

@@ -434,6 +434,8 @@ TEST(InstanceFeatures, HaveParametersAndOutputsOfTheirOwn) {
   Request off{.kind = Request::Kind::set_feature, .instance = loop.find("law")};
   off.index = static_cast<std::uint16_t>(law.find_feature("push"));
   ASSERT_TRUE(loop.ask(off).accepted());
+  EXPECT_EQ(output("push.push_nm"), 0.5) << "it fades";
+  loop.steps(200);
   EXPECT_EQ(output("push.push_nm"), 0);
   EXPECT_EQ(output("pull.push_nm"), -2);
   EXPECT_LT((loop.cycle.data().tau_feature[0] - joint_constant(7, -2)).norm(), 1e-12);

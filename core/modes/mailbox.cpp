@@ -1,5 +1,6 @@
 #include "core/modes/mailbox.hpp"
 
+#include <algorithm>
 #include <cstring>
 
 namespace multipanda {
@@ -15,12 +16,12 @@ HostTime end_of(HostTime from, double patience_s) {
 
 }  // namespace
 
-std::uint64_t Mailbox::post(std::span<const Request> requests, double patience_s) {
+std::uint64_t Mailbox::post(std::span<const Request> requests, double patience_s, HostTime asked) {
   const std::lock_guard lock(askers_);
   if (requests.empty() || requests.size() > kMaxBatch) return 0;
   if (ring_.size() + requests.size() > ring_.capacity()) return 0;
   const HostTime now = host_now();
-  Posted posted{.received = now, .expires = end_of(now, patience_s)};
+  Posted posted{.asked = std::min(asked, now), .received = now, .expires = end_of(now, patience_s)};
   const std::uint64_t last = next_ticket_ + requests.size() - 1;
   stages_[last % kStages].store(word(last, waiting), std::memory_order_relaxed);  // published by the ring
   for (std::size_t i = 0; i < requests.size(); ++i) {
@@ -41,7 +42,7 @@ bool Mailbox::withdraw(std::uint64_t ticket) {
 const Mailbox::Posted* Mailbox::front() {
   const Posted* posted = ring_.front();
   if (posted == nullptr || in_batch()) return posted;
-  // The first request of a batch has its size. Take none before all have arrived.
+  // The first request of a batch stores its size. Take none before all have arrived.
   batch_ = posted->request.batch;
   return ring_.size() < batch_ ? nullptr : posted;
 }
@@ -77,8 +78,7 @@ bool Mailbox::poll(std::uint64_t ticket, Answer& answer) const {
   if (ticket == 0 || slot.ticket.load(std::memory_order_acquire) != ticket) return false;
   std::array<std::uint64_t, kWords> words{};
   for (std::size_t i = 0; i < kWords; ++i) words[i] = slot.words[i].load(std::memory_order_acquire);
-  if (slot.ticket.load(std::memory_order_relaxed) != ticket)
-    return false;  // it was overwritten during the read
+  if (slot.ticket.load(std::memory_order_relaxed) != ticket) return false;  // overwritten during the read
   std::memcpy(static_cast<void*>(&answer), words.data(), sizeof(Answer));
   return true;
 }

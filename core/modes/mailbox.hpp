@@ -22,7 +22,9 @@ class Mailbox {
   // --- any thread except the loop's ---
   // Queues the requests so that the loop takes them in one cycle. After `patience_s` it refuses them. Their
   // tickets are consecutive; returns the last one. 0: no requests, more than kMaxBatch, or the queue is full.
-  std::uint64_t post(std::span<const Request> requests, double patience_s = kForever);
+  // `asked`: when their sender decided, if that was before now.
+  std::uint64_t post(std::span<const Request> requests, double patience_s = kForever,
+                     HostTime asked = host_now());
   // Takes the requests of a call back; `ticket` is the one that post() returned. true: the loop will never
   // execute any of them. false: it has taken or refused them, and answers at the end of that cycle.
   bool withdraw(std::uint64_t ticket);
@@ -34,16 +36,16 @@ class Mailbox {
   struct Posted {
     Request request;
     std::uint64_t ticket = 0;
-    HostTime received, expires;
+    HostTime asked, received, expires;
     bool bounded() const { return expires.ns != std::numeric_limits<std::int64_t>::max(); }
   };
   enum class Claim : std::uint8_t {
     taken,     // to be executed
-    expired,   // its asker's patience is over: to be refused
-    withdrawn  // its asker has been told that it is not executed: no answer
+    expired,   // the caller's patience is over: to be refused
+    withdrawn  // the caller was told that it is not executed: no answer
   };
   const Posted* front();  // nullptr: empty, or an incomplete batch
-  // The front's batch, unless part of it has been taken: its requests.
+  // All requests of the front's batch, unless part of it has been taken.
   std::size_t batch_size() const { return batch_; }
   const Posted& of_batch(std::size_t i) const { return ring_.peek(i); }
   bool in_batch() const { return taken_of_batch_ > 0; }  // part of the front's batch has been taken
@@ -72,10 +74,10 @@ class Mailbox {
   };
 
   std::mutex askers_;
-  std::uint64_t next_ticket_ = 1;  // guarded by askers_
+  std::uint64_t next_ticket_ = 1;  // protected by askers_
   SpscRing<Posted> ring_{kQueue};
   std::size_t taken_of_batch_ = 0, batch_ = 0;  // loop
-  Claim claim_ = Claim::taken;                  // loop: of the front's batch
+  Claim claim_ = Claim::taken;                  // loop: decision on the front's batch
   std::array<Slot, kAnswers> answers_{};
 };
 

@@ -1,22 +1,36 @@
 #include "core/modes/multimode_controller.hpp"
-#include "core/modes/visit_bits.hpp"
+#include "core/modes/request.hpp"
 
 // Arms that stand on others: what their laws ask of the arm that carries them, and forbid it.
 namespace multipanda {
 
 // A Cartesian law bounds speed and force of its own hand only. What stands on its arm is not swept by it,
-// unless that arm has such a law, too, which keeps its hand in the world.
+// unless that arm has such a law, too, which keeps its hand in the world. An arm that somebody leads by hand
+// is swept by no law but one that is led by hand as well.
 bool MultimodeController::sweeps_carried_arm(InstanceIndex instance, InstanceSet active) const {
   bool sweeps = false;
-  if (!instances_[instance]->descriptor().wrench_at_hand) return sweeps;
+  const ControlletDescriptor& law = instances_[instance]->descriptor();
+  const bool leads = instance >= arm_count() && !law.guided;
   for (ArmIndex arm = 0; arm < blocks_.mounts.size(); ++arm) {
     if (!blocks_.mounts[arm] || !instances_[instance]->arms().contains(blocks_.mounts[arm]->carrier))
       continue;
+    sweeps = sweeps || (leads && blocks_.states[arm].mode == ArmMode::guiding);
     for_each(active, [&](InstanceIndex i) {
-      sweeps = sweeps || (instances_[i]->arms().contains(arm) && !instances_[i]->descriptor().wrench_at_hand);
+      if (!instances_[i]->arms().contains(arm)) return;
+      const ControlletDescriptor& carried = instances_[i]->descriptor();
+      sweeps = sweeps || (law.wrench_at_hand && !carried.wrench_at_hand) || (leads && carried.guided);
     });
   }
   return sweeps;
+}
+
+// A stop of an arm is one of the arm that carries it.
+ArmSet MultimodeController::with_carriers(ArmSet arms) const {
+  ArmSet all = arms;
+  for (ArmIndex arm = 0; arm < blocks_.mounts.size(); ++arm) {
+    if (blocks_.mounts[arm] && arms.contains(arm)) all |= ArmSet::of(blocks_.mounts[arm]->carrier);
+  }
+  return all;
 }
 
 // A hand that presses on the world with F presses on its base with -F, which turns the joints of a carrier

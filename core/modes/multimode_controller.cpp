@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <thread>
 
-#include "core/modes/visit_bits.hpp"
+#include "core/modes/request.hpp"
 
 // Construction and the functions for other threads. The loop's part is in multimode_loop.cpp.
 namespace multipanda {
@@ -18,7 +18,7 @@ constexpr std::uint32_t kNeverSeen = 0xFFFFFFFF;
 MultimodeController::MultimodeController(std::vector<std::string> arm_names,
                                          const std::vector<InstanceConfig>& configs, const Registry& registry,
                                          const ArmBlocks& blocks, SafetyStage& safety)
-    : arm_names_(std::move(arm_names)), blocks_(blocks), safety_(safety) {
+    : arm_names_(std::move(arm_names)), blocks_(blocks), safety_(safety), reach_(blocks) {
   for (ArmIndex arm = 0; arm < arm_names_.size(); ++arm) {
     InstanceConfig hold{.name = arm_names_[arm] + "_hold", .type = "hold", .arms = {arm}};
     for (const auto& config : configs) {
@@ -59,7 +59,7 @@ void MultimodeController::schedule(std::vector<ScheduledRequest> requests) {
   std::stable_sort(schedule_.begin(), schedule_.end(),
                    [](const auto& a, const auto& b) { return a.at < b.at; });
   next_scheduled_ = 0;
-  // Enough for all of them at once, so that each is taken in its cycle.
+  // Room for all of them at once, so that each is taken in its cycle.
   pending_.resize(schedule_.size() + kAnswersPerStep);
 }
 
@@ -141,8 +141,8 @@ Verdict MultimodeController::check(const Request& request) const {
       if (verdict != Verdict::accepted) return verdict;
       const SwitchPlan next = plan(active(), request);
       if (observes_itself(next.start | next.keep)) return Verdict::observes_itself;
-      const InstanceSet laws =
-          request.activate & ~((InstanceSet{1} << arm_count()) - 1);  // holds may always run
+      // Holds may always run.
+      const InstanceSet laws = request.activate & ~((InstanceSet{1} << arm_count()) - 1);
       return (arms_of(laws) | observed_by(laws)).overlaps(stopped()) ? Verdict::arm_stopped
                                                                      : Verdict::accepted;
     }
@@ -155,7 +155,7 @@ Verdict MultimodeController::check(const Request& request) const {
   }
   if (request.instance >= instances_.size()) return Verdict::unknown_instance;
   const Instance& instance = *instances_[request.instance];
-  // A stop is to leave an arm where it is: nothing makes its hold softer, or pushes it, until it is resumed.
+  // A stop must leave the arm in place: until it is resumed, nothing may soften its hold or push it.
   if (request.instance < arm_count() && stopped().contains(request.instance)) return Verdict::arm_stopped;
   if (request.kind == Request::Kind::set_parameter) {
     if (request.index >= instance.parameter_count()) return Verdict::unknown_parameter;
@@ -166,23 +166,58 @@ Verdict MultimodeController::check(const Request& request) const {
     return request.index < instance.feature_count() ? Verdict::accepted : Verdict::unknown_feature;
   }
   if (request.index >= instance.inputs().size()) return Verdict::unknown_input;
-  return instance.inputs()[request.index].check(request.target);
+  const Reference& input = instance.inputs()[request.index];
+  const Target& target = request.target;
+  if (const Verdict verdict = input.check(target); verdict != Verdict::accepted) return verdict;
+  if (request.until.set()) {
+    const Quantity quantity = input.spec().quantity;
+    const bool place = quantity == Quantity::pose || quantity == Quantity::joints;
+    if (!place || target.delivery != Delivery::goal) return Verdict::out_of_bounds;
+    for (const double limit : request.until.limits) {
+      if (!(limit > 0)) return Verdict::out_of_bounds;
+    }
+  }
+  if (target.delivery == Delivery::motion) return Verdict::accepted;
+  return reach_.contains(instance, input.spec(), target.values, nullptr) ? Verdict::accepted
+                                                                         : Verdict::out_of_bounds;
 }
 
-Verdict MultimodeController::post(std::span<const Request> requests, std::uint64_t& ticket,
-                                  double patience_s) {
+Verdict MultimodeController::check_sample(const Request& sample) const {
+  const bool runs = sample.instance < instances_.size() && (active() & bit(sample.instance)) != 0;
+  return runs ? check(sample) : Verdict::not_active;
+}
+
+Verdict MultimodeController::post_sample(const Request& sample) {
+  const Verdict verdict = check_sample(sample);
+  if (verdict != Verdict::accepted) return verdict;
+  return instances_[sample.instance]->inputs()[sample.index].post(sample.target);
+}
+
+std::string MultimodeController::refusal(const Request& request) const {
+  if (request.kind != Request::Kind::set_target || request.instance >= instances_.size()) return {};
+  const Instance& instance = *instances_[request.instance];
+  if (request.index >= instance.inputs().size()) return {};
+  const Reference& input = instance.inputs()[request.index];
+  std::string why = input.refusal(request.target);
+  if (why.empty() && request.target.delivery != Delivery::motion)
+    (void)reach_.contains(instance, input.spec(), request.target.values, &why);
+  return why;
+}
+
+Verdict MultimodeController::post(std::span<const Request> requests, std::uint64_t& ticket, double patience_s,
+                                  HostTime asked) {
   for (const Request& request : requests) {
     if (const Verdict verdict = check(request); verdict != Verdict::accepted) return verdict;
   }
-  ticket = mailbox_.post(requests, patience_s);
+  ticket = mailbox_.post(requests, patience_s, asked);
   return ticket != 0 ? Verdict::accepted : Verdict::queue_full;
 }
 
-Answer MultimodeController::ask(std::span<const Request> requests, double timeout_s) {
+Answer MultimodeController::ask(std::span<const Request> requests, double timeout_s, HostTime asked) {
   Answer answer;
   std::uint64_t ticket = 0;
   answer.received = host_now();
-  answer.verdict = post(requests, ticket, timeout_s);
+  answer.verdict = post(requests, ticket, timeout_s, asked);
   if (!answer.accepted()) return answer;
   const HostTime posted = answer.received;
   for (std::uint64_t part = ticket - requests.size() + 1; part <= ticket; ++part) {

@@ -7,9 +7,11 @@
 
 #include "core/modes/instance.hpp"
 #include "core/modes/mailbox.hpp"
+#include "core/modes/reach.hpp"
 #include "core/modes/request.hpp"
 #include "core/record/cycle_record.hpp"
 #include "core/safety/safety.hpp"
+#include "core/types/gap_watch.hpp"
 #include "core/types/tick.hpp"
 
 namespace multipanda {
@@ -35,6 +37,11 @@ class MultimodeController {
   void schedule(std::vector<ScheduledRequest> requests);  // adds to the requests already scheduled
   // The instances that run from the first cycle on. Throws std::invalid_argument if two own the same arm.
   void activate_at_start(InstanceSet instances);
+  // For a loop on the wall clock: if it stood still (GapWatch), all arms are stopped at the next boundary,
+  // and what was posted before and has a patience is refused.
+  void stop_after_gaps() { stops_after_gaps_ = true; }
+  // The end effector that counts for check() until the arm shows its own.
+  void set_end_effector(ArmIndex arm, const Pose& X_FE) { reach_.set_end_effector(arm, X_FE); }
   RecordLayout layout() const;
   void record_to(RecordRing* record) { record_ = record; }
 
@@ -48,32 +55,46 @@ class MultimodeController {
   InstanceSet active() const { return active_shared_.load(std::memory_order_acquire); }
   InstanceIndex owner(ArmIndex arm) const { return owners_[arm].load(std::memory_order_acquire); }
   ArmSet stopped() const { return ArmSet::from_bits(stopped_shared_.load(std::memory_order_acquire)); }
+  // The number of stops until now. Read before stopped(), it counts none that stopped() does not show.
+  std::uint32_t stops() const { return stops_.load(std::memory_order_acquire); }
 
-  // Checks whatever does not need the loop: names, sizes, bounds, two owners, stopped arms.
+  // Checks whatever does not need the loop: names, sizes, bounds, joint limits, reach, two owners, stopped
+  // arms. Every goal and sample passes here, whichever way it came.
   Verdict check(const Request& request) const;
+  // The same of a sample of a stream, which only a running controllet takes.
+  Verdict check_sample(const Request& sample) const;
+  // check_sample(), then to the input, without the loop: it uses the newest sample in its next cycle.
+  Verdict post_sample(const Request& sample);
+  // Description of invalid numbers of a set-point; empty: the verdict is sufficient.
+  std::string refusal(const Request& request) const;
   // Checks the requests, then queues all of them for one cycle. accepted: queued; `ticket` is the last one.
-  // The loop refuses with Verdict::timeout what it finds after `patience_s`.
+  // The loop refuses with Verdict::timeout what it finds after `patience_s`, and with Verdict::arm_stopped
+  // what was `asked` before one of its arms was stopped, or resumes a stop that it does not count.
   static constexpr double kPatience = 1.0;  // [s]
-  // What the loop has taken is answered within the same cycle; only a stalled loop needs longer.
+  // Requests taken by the loop are answered within the same cycle; only a stalled loop needs longer.
   static constexpr double kAnswerPatience = 10;  // [s]
-  Verdict post(std::span<const Request> requests, std::uint64_t& ticket, double patience_s = kPatience);
+  Verdict post(std::span<const Request> requests, std::uint64_t& ticket, double patience_s = kPatience,
+               HostTime asked = host_now());
   // Takes back what post() queued. true: it will never be executed. false: the loop has decided, its answer
   // follows. To be called before one stops waiting for an answer.
   bool withdraw(std::uint64_t ticket) { return mailbox_.withdraw(ticket); }
   bool poll(std::uint64_t ticket, Answer& answer) const { return mailbox_.poll(ticket, answer); }
   // Posts, then polls for the answers of the loop. Returns the first refusal, otherwise the last answer.
   // Verdict::timeout: not executed. Verdict::pending: taken, but its answer was overwritten by later ones.
-  Answer ask(std::span<const Request> requests, double timeout_s = kPatience);
-  Answer ask(const Request& request, double timeout_s = kPatience) {
-    return ask(std::span(&request, 1), timeout_s);
+  Answer ask(std::span<const Request> requests, double timeout_s = kPatience, HostTime asked = host_now());
+  Answer ask(const Request& request, double timeout_s = kPatience, HostTime asked = host_now()) {
+    return ask(std::span(&request, 1), timeout_s, asked);
   }
-  // Holds all given arms from the next cycle boundary on, until resumed. It cannot fail and needs no space in
-  // a queue.
+  // Holds all given arms, and the arms that carry them, from the next cycle boundary on, until resumed. It
+  // cannot fail and needs no space in a queue.
   void stop(ArmSet arms) { stop_requests_.fetch_or(arms.bits(), std::memory_order_acq_rel); }
 
   // --- loop thread, between two steps ---
   // Refuses what was posted before now and has a patience: nobody asked it of this run of the loop.
-  void begin_anew() { began_ = host_now(); }
+  void begin_anew() {
+    began_ = host_now();
+    gaps_.restart(began_);
+  }
   // Sets the instances that start once their arms are ready, replacing those of the last call. A waiting
   // start has the lowest priority: an accepted switch, a stop or a resume of one of its arms cancels it, and
   // it takes an arm only from its hold.
@@ -107,6 +128,7 @@ class MultimodeController {
   SwitchPlan plan(InstanceSet active, const Request& request) const;
   bool observes_itself(InstanceSet instances) const;
 
+  ArmSet with_carriers(ArmSet arms) const;
   void bear_carried_hands(const Tick& tick);
   bool sweeps_carried_arm(InstanceIndex instance, InstanceSet active) const;
 
@@ -116,6 +138,7 @@ class MultimodeController {
              Verdict verdict = Verdict::accepted);
   Verdict apply_switch(const Request& request, Answer& answer, const Tick& tick);
   void commit(const SwitchPlan& plan);
+  void end_goal(InstanceIndex i, const Tick& tick);
   void evict(InstanceIndex instance, ArmIndex arm, const Finding& finding, const Tick& tick,
              bool update_holds);
   void take_stops(const Tick& tick);
@@ -126,7 +149,7 @@ class MultimodeController {
   void watch_arm(ArmIndex arm, const Tick& tick);
   Finding inspect_observed(ArmIndex arm) const;
   void inspect_observed(const Tick& tick);
-  bool sees_observed(InstanceIndex instance) const;  // none of the arms that it observes is lost
+  bool sees_observed(InstanceIndex instance) const;  // none of its observed arms is lost
   void report_hold(ArmIndex arm, const Finding& finding, const Tick& tick);
   void emit(Event event, const Tick& tick);
   void emit_finding(EventKind kind, ArmIndex arm, InstanceIndex instance, const Finding& finding,
@@ -138,22 +161,26 @@ class MultimodeController {
   SafetyStage& safety_;
   RecordRing* record_ = nullptr;
   std::vector<std::size_t> output_offsets_;  // of each instance in CycleRecord::outputs
+  Reach reach_;
   Mailbox mailbox_;
   HostTime began_;  // loop: requests received before are refused
+  GapWatch gaps_;   // loop
+  bool stops_after_gaps_ = false;
 
   std::vector<ScheduledRequest> schedule_;
   std::size_t next_scheduled_ = 0;
 
-  InstanceSet active_ = 0;                        // loop
-  ArmSet stopped_;                                // loop
-  ArmSet asked_to_stop_;                          // loop: of those, all that the schedule may not resume
-  std::array<HostTime, kMaxArms> stopped_at_{};   // loop: when the arm was last stopped
-  Verdict batch_verdict_ = Verdict::accepted;     // loop: of the batch that is being taken
-  InstanceSet waiting_ = 0;                       // loop: starts waiting for their arms
-  std::array<double, kMaxInstances> waited_s_{};  // loop: for observed arms only, since their own were ready
-  ArmSet ready_;                                  // loop: arms that are ready for them
-  std::atomic<InstanceSet> active_shared_{0};     // copies for other threads
-  std::atomic<std::uint32_t> stopped_shared_{0};
+  InstanceSet active_ = 0;                         // loop
+  ArmSet stopped_;                                 // loop
+  ArmSet asked_to_stop_;                           // loop: the stopped arms that the schedule must not resume
+  std::array<HostTime, kMaxArms> stopped_at_{};    // loop: when the arm was last stopped
+  std::array<std::uint32_t, kMaxArms> stop_of_{};  // loop: the number of that stop
+  Verdict batch_verdict_ = Verdict::accepted;      // loop: of the batch that is being taken
+  InstanceSet waiting_ = 0;                        // loop: starts waiting for their arms
+  std::array<double, kMaxInstances> waited_s_{};   // loop: for observed arms only, since their own were ready
+  ArmSet ready_;                                   // loop: arms that are ready for them
+  std::atomic<InstanceSet> active_shared_{0};      // copies for other threads
+  std::atomic<std::uint32_t> stopped_shared_{0}, stops_{0};
   std::array<std::atomic<InstanceIndex>, kMaxArms> owners_{};
   std::atomic<std::uint32_t> stop_requests_{0};
 
@@ -166,8 +193,8 @@ class MultimodeController {
   std::array<double, kMaxArms> step_requested_{}, step_sent_{};
   std::array<Intervention, kMaxArms> hold_fault_{};  // that was reported of the arm's hold
   std::array<Intervention, kMaxArms> last_cut_{};    // to log the start of an episode only
-  std::array<LoopTime, kMaxArms>
-      last_torque_{};  // time of the last torque of each arm, to which its rate limit is relative
+  // Time of the last torque of each arm, to which its rate limit is relative.
+  std::array<LoopTime, kMaxArms> last_torque_{};
   std::array<ArmMode, kMaxArms> last_mode_{};
   std::array<std::uint32_t, kMaxArms> last_config_{};
 };

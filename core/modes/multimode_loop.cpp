@@ -1,7 +1,8 @@
 #include <algorithm>
 
 #include "core/modes/multimode_controller.hpp"
-#include "core/modes/visit_bits.hpp"
+#include "core/modes/request.hpp"
+#include "core/record/arm_config.hpp"
 
 // The loop's part: the steps of a cycle, in order. Nothing here allocates, locks, logs or throws.
 namespace multipanda {
@@ -23,10 +24,14 @@ void MultimodeController::take_requests(const Tick& tick) {
     commit({.start = bit(hold_of(arm)), .stop = 0, .keep = 0});
     (void)instances_[hold_of(arm)]->start(tick);
   });
+  if (stops_after_gaps_ && gaps_.look(tick.start) == tick.start) {
+    began_ = tick.start;
+    stop(ArmSet::all(arm_count()));  // taken below
+  }
   while (next_scheduled_ < schedule_.size() && schedule_[next_scheduled_].at <= tick.t) {
     const ScheduledRequest& scheduled = schedule_[next_scheduled_++];
     if (scheduled.what == ScheduledRequest::What::stop) {
-      stop_now(scheduled.stop & ArmSet::all(arm_count()), tick);
+      stop_now(with_carriers(scheduled.stop & ArmSet::all(arm_count())), tick);
     } else {
       apply(scheduled.request, 0, tick.start, tick);
     }
@@ -51,7 +56,7 @@ void MultimodeController::take_mail(const Tick& tick) {
     }
     const Mailbox::Claim claim = mailbox_.claim(host_now());
     if (claim != Mailbox::Claim::withdrawn) {
-      const bool late = claim == Mailbox::Claim::expired || (posted->bounded() && posted->received < began_);
+      const bool late = claim == Mailbox::Claim::expired || (posted->bounded() && posted->asked < began_);
       apply(posted->request, posted->ticket, posted->received, tick,
             late ? Verdict::timeout : batch_verdict_);
       batch_verdict_ = pending_[pending_count_ - 1].verdict;
@@ -60,16 +65,20 @@ void MultimodeController::take_mail(const Tick& tick) {
   }
 }
 
-// The sender did not know that the arm would be stopped: the request must resume, start or change nothing.
+// The sender did not know that the arm would be stopped: the request must resume, start or change nothing,
+// also if somebody has resumed the arm meanwhile.
 bool MultimodeController::overtaken_by_stop(const Mailbox::Posted& posted) const {
   const Request& request = posted.request;
   ArmSet arms = request.kind == Request::Kind::resume               ? request.arms
                 : request.kind == Request::Kind::switch_controllets ? arms_of(request.activate)
                 : request.instance < instances_.size()              ? instances_[request.instance]->arms()
                                                                     : ArmSet{};
-  arms = arms & stopped_;
   bool overtaken = false;
-  for_each(arms, [&](ArmIndex arm) { overtaken = overtaken || posted.received < stopped_at_[arm]; });
+  for_each(arms, [&](ArmIndex arm) {
+    overtaken =
+        overtaken || posted.asked < stopped_at_[arm] ||
+        (request.kind == Request::Kind::resume && stopped_.contains(arm) && request.stops < stop_of_[arm]);
+  });
   return overtaken;
 }
 
@@ -98,8 +107,8 @@ void MultimodeController::take_waiting_starts(const Tick& tick) {
   give_up_starts_that_observe(stopped_);
   for_each(waiting_, [&](InstanceIndex i) {
     const ArmSet arms = instances_[i]->arms();
-    if ((waiting_ & bit(i)) == 0 || !ready_.contains(arms)) return;            // one before it may cancel it
-    if (!sees_observed(i) && (waited_s_[i] += tick.dt) < kPatience_s) return;  // then it is refused
+    if ((waiting_ & bit(i)) == 0 || !ready_.contains(arms)) return;  // an earlier start may cancel it
+    if (!sees_observed(i) && (waited_s_[i] += tick.dt) < kPatience_s) return;  // refused afterwards
     waiting_ &= ~bit(i);
     bool free = true;
     for_each(arms, [&](ArmIndex arm) {
@@ -112,7 +121,7 @@ void MultimodeController::take_waiting_starts(const Tick& tick) {
 void MultimodeController::take_stops(const Tick& tick) {
   const std::uint32_t bits = stop_requests_.exchange(0, std::memory_order_acq_rel);
   if (bits == 0) return;
-  const ArmSet arms = ArmSet::from_bits(bits) & ArmSet::all(arm_count());
+  const ArmSet arms = with_carriers(ArmSet::from_bits(bits) & ArmSet::all(arm_count()));
   asked_to_stop_ |= arms;
   stop_now(arms, tick);
 }
@@ -120,11 +129,14 @@ void MultimodeController::take_stops(const Tick& tick) {
 void MultimodeController::stop_now(ArmSet arms, const Tick& tick) {
   stopped_ |= arms;
   const HostTime now = host_now();
+  const std::uint32_t number = stops_.load(std::memory_order_relaxed) + 1;
   for_each(arms, [&](ArmIndex arm) {
     stopped_at_[arm] = now;
+    stop_of_[arm] = number;
     instances_[hold_of(arm)]->set_stopped(true);
   });
   stopped_shared_.store(stopped_.bits(), std::memory_order_release);
+  stops_.store(number, std::memory_order_release);
   give_up_starts(arms);
   Event event{.kind = EventKind::stopped, .arms = arms.bits()};
   emit(event, tick);
@@ -172,6 +184,8 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
       case Request::Kind::set_target:
         if (!active) {
           answer.verdict = Verdict::not_active;
+        } else if (!instances_[request.instance]->watch_goal(request.index, request.target, request.until)) {
+          answer.verdict = Verdict::arm_not_ready;
         } else {
           instances_[request.instance]->inputs()[request.index].set(request.target);
         }
@@ -185,8 +199,9 @@ void MultimodeController::apply(const Request& request, std::uint64_t ticket, Ho
         }
         break;
       case Request::Kind::resume: {
-        // The schedule was written before: it must not resume what somebody has stopped since.
+        // The schedule was fixed before: it must not resume an arm that was stopped since.
         const ArmSet arms = ticket != 0 ? request.arms : request.arms - asked_to_stop_;
+        if (ticket != 0) for_each(arms & stopped_, [&](ArmIndex arm) { safety_.release_limits(arm); });
         stopped_ = stopped_ - arms;
         asked_to_stop_ = asked_to_stop_ - arms;
         stopped_shared_.store(stopped_.bits(), std::memory_order_release);
@@ -210,10 +225,11 @@ Verdict MultimodeController::apply_switch(const Request& request, Answer& answer
   const ArmSet moving = arms_of(answer.plan.start);
   // Do not start an instance that inspect() would remove in the same step. A hold may always start.
   const InstanceSet holds = (InstanceSet{1} << arm_count()) - 1;
-  bool ready = true;
   for_each(arms_of(answer.plan.start & ~holds), [&](ArmIndex arm) {
-    ready = ready && !safety_.inspect(arm, blocks_.conditions[arm], blocks_.states[arm], blocks_.terms[arm]);
+    if (answer.rule != Intervention::none) return;
+    answer.rule = safety_.inspect(arm, blocks_.conditions[arm], blocks_.states[arm], blocks_.terms[arm]).rule;
   });
+  bool ready = answer.rule == Intervention::none;
   for_each(answer.plan.start, [&](InstanceIndex i) { ready = ready && sees_observed(i); });
   if (!ready) return Verdict::arm_not_ready;
   bool started = true;
@@ -292,19 +308,10 @@ void MultimodeController::watch_arm(ArmIndex arm, const Tick& tick) {
   }
   if (state.fresh && state.config_version != last_config_[arm]) {
     last_config_[arm] = state.config_version;
-    Event event{.kind = EventKind::arm_config, .arm = static_cast<std::uint16_t>(arm)};
+    reach_.set_end_effector(arm, state.frames.X_FE);
+    Event event{.arm = static_cast<std::uint16_t>(arm)};
     event.index = static_cast<std::uint16_t>(state.config_version);
-    const auto add = [&](double value) { event.values[event.size++] = value; };
-    for (const Pose& X : {state.frames.X_FE, state.frames.X_EK}) {
-      const Quaternion q = X.quaternion();
-      for (const double v : {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()})
-        add(v);
-    }
-    for (const Load& load : {state.tool, state.load}) {
-      for (const double v : {load.mass, load.p_FC.x(), load.p_FC.y(), load.p_FC.z()}) add(v);
-      const Matrix3& I = load.inertia_C;
-      for (const double v : {I(0, 0), I(0, 1), I(0, 2), I(1, 1), I(1, 2), I(2, 2)}) add(v);
-    }
+    put_arm_config(event, state.frames, state.tool, state.load);
     emit(event, tick);
   }
 }
@@ -313,7 +320,8 @@ void MultimodeController::inspect(const Tick& tick) {
   for_each(ArmSet::all(arm_count()), [&](ArmIndex arm) {
     watch_arm(arm, tick);
     const InstanceIndex owner = owners_[arm].load(std::memory_order_relaxed);
-    safety_.track_limits(arm, blocks_.states[arm], blocks_.terms[arm], owner == hold_of(arm));
+    safety_.track_limits(arm, blocks_.states[arm], blocks_.terms[arm], owner == hold_of(arm),
+                         blocks_.conditions[arm].began);
     if (owner == hold_of(arm)) return;
     const bool alone = instances_[owner]->arms().size() == 1;
     const ArmCondition& condition = blocks_.conditions[arm];
@@ -359,12 +367,26 @@ void MultimodeController::report_hold(ArmIndex arm, const Finding& finding, cons
   emit_finding(EventKind::intervention, arm, hold_of(arm), finding, tick);
 }
 
+void MultimodeController::end_goal(InstanceIndex i, const Tick& tick) {
+  Instance::EndedGoal ended;
+  if (!instances_[i]->end_goal(ended)) return;
+  Event event{.kind = EventKind::goal_ended, .instance = i};
+  event.index = static_cast<std::uint16_t>(ended.input);
+  event.arm = static_cast<std::uint16_t>(instances_[i]->arm_list()[ended.arm]);
+  event.size = 3;
+  event.values[0] = ended.cause;
+  event.values[1] = ended.measured;
+  event.values[2] = ended.limit;
+  emit(event, tick);
+}
+
 void MultimodeController::run_controllets(const Tick& tick) {
   ticking_ = 0;
   for_each(active_, [&](InstanceIndex i) {
     Instance& instance = *instances_[i];
     if ((active_ & bit(i)) == 0 || !instance.begins_tick(tick.due, tick)) return;
     ticking_ |= bit(i);
+    end_goal(i, tick);
     Finding finding{instance.update(tick)};
     ArmIndex arm = instance.arms().first();
     if (!finding) {

@@ -2,7 +2,7 @@
 #include <limits>
 
 #include "core/modes/multimode_controller.hpp"
-#include "core/modes/visit_bits.hpp"
+#include "core/modes/request.hpp"
 
 // Data for the log: names before the loop; events, references and outputs in it.
 namespace multipanda {

@@ -1,9 +1,11 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <span>
 
+#include "core/modes/goal_end.hpp"
 #include "core/reference/target.hpp"
 #include "core/types/arm_set.hpp"
 #include "core/types/codes.hpp"
@@ -19,6 +21,19 @@ inline constexpr InstanceIndex kNoInstance = 0xFFFF;
 using InstanceSet = std::uint64_t;
 inline constexpr InstanceSet bit(InstanceIndex i) { return InstanceSet{1} << i; }
 static_assert(kMaxInstances <= 64);
+
+// Instances of a set, lowest index first: the order in which they are computed is always the same.
+template <typename Visit>
+void for_each(InstanceSet set, Visit visit) {
+  for (; set != 0; set &= set - 1) visit(static_cast<InstanceIndex>(std::countr_zero(set)));
+}
+
+template <typename Visit>
+void for_each(ArmSet arms, Visit visit) {
+  for (std::uint32_t bits = arms.bits(); bits != 0; bits &= bits - 1) {
+    visit(static_cast<ArmIndex>(std::countr_zero(bits)));
+  }
+}
 
 // A request to the multimode controller. Plain data that is copied between threads.
 struct Request {
@@ -37,7 +52,11 @@ struct Request {
   std::uint8_t size = 0;                 // set_parameter: numbers used
   std::array<double, kMaxParameterSize> values{};
   Target target;  // set_target
-  ArmSet arms;    // resume
+  GoalEnd until;  // set_target: of a goal for a pose or joints
+
+  ArmSet arms;  // resume, unless one of them was stopped by a later stop than its asker has seen
+  static constexpr std::uint32_t kEveryStop = 0xFFFFFFFF;
+  std::uint32_t stops = kEveryStop;  // MultimodeController::stops() when the asker looked
 
   std::uint16_t batch = 1;  // number of requests of one call, taken in the same cycle; set in the first one
 };
@@ -54,9 +73,10 @@ struct Answer {
   std::uint64_t ticket = 0;
   std::uint64_t cycle = 0;  // in which it was taken
   LoopTime t;               // of that cycle
-  HostTime received, taken,
-      first_torque;  // when requested; at the cycle boundary; after the first torque was written
-  SwitchPlan plan;   // of a switch
+  // When requested; at the cycle boundary; after the first torque was written.
+  HostTime received, taken, first_torque;
+  SwitchPlan plan;                         // of a switch
+  Intervention rule = Intervention::none;  // by which an arm of a refused switch would be held again at once
   // Switch: largest step of any joint at the hand-over, per arm [N m]: as computed, and as sent after the
   // rate limit.
   std::array<double, kMaxArms> step_requested{}, step_sent{};

@@ -6,6 +6,7 @@
 
 #include "core/testing/test_laws.hpp"
 #include "core/testing/test_world.hpp"
+#include "core/types/gap_watch.hpp"
 
 // Requests end with their asker's patience: whoever was told that a request was not executed stays right.
 namespace multipanda::request_expiry_test {
@@ -91,6 +92,71 @@ TEST_F(RequestExpiry, ALoopThatBeginsAnewKeepsOnlyWhatHasNoEnd) {
   EXPECT_FALSE(runs("s0"));
   EXPECT_TRUE(runs("s1"));
   EXPECT_TRUE(loop.ask(activation("s0")).accepted());
+}
+
+// The program was stopped (SIGSTOP) and goes on: nothing moves, and nothing of before is executed.
+TEST_F(RequestExpiry, ALoopThatStoodStillStopsItsArms) {
+  loop.modes().stop_after_gaps();
+  loop.step();
+  ASSERT_TRUE(loop.ask(activation("s0")).accepted());
+  const std::uint64_t asked = post(activation("s1"), 1000);
+  std::this_thread::sleep_for(GapWatch::kLongest + std::chrono::milliseconds(50));
+  loop.step();
+  Answer answer;
+  ASSERT_TRUE(loop.modes().poll(asked, answer));
+  EXPECT_EQ(answer.verdict, Verdict::timeout);
+  EXPECT_FALSE(runs("s0"));
+  EXPECT_FALSE(runs("s1"));
+  EXPECT_EQ(loop.modes().stopped(), ArmSet::all(2));
+  loop.steps(5);
+  EXPECT_FALSE(loop.ask(activation("s0")).accepted()) << "not before somebody resumes";
+}
+
+// Its sender did not know of the stop, however late the request comes.
+TEST_F(RequestExpiry, WhatWasAskedBeforeAStopDoesNotEndIt) {
+  loop.step();
+  const HostTime before = host_now();
+  loop.modes().stop(ArmSet::of(0));
+  loop.step();
+  const Request resume{.kind = Kind::resume, .arms = ArmSet::of(0)};
+  for (const bool late : {true, false}) {
+    std::uint64_t ticket = 0;
+    ASSERT_EQ(loop.modes().post(std::span(&resume, 1), ticket, 1, late ? before : host_now()),
+              Verdict::accepted);
+    loop.step();
+    Answer answer;
+    ASSERT_TRUE(loop.modes().poll(ticket, answer));
+    EXPECT_EQ(answer.verdict, late ? Verdict::arm_stopped : Verdict::accepted);
+    EXPECT_EQ(loop.modes().stopped().empty(), !late);
+  }
+}
+
+TEST(GapWatch, CountsFromTheLastLook) {
+  GapWatch watch;
+  const HostTime begin{1'000'000'000};
+  const auto after = [&](double s) { return HostTime{begin.ns + static_cast<std::int64_t>(1e9 * s)}; };
+  EXPECT_EQ(watch.look(begin), HostTime{});
+  EXPECT_EQ(watch.look(after(0.4)), HostTime{});
+  EXPECT_FALSE(watch.settles());
+  EXPECT_EQ(watch.look(after(2)), after(2));
+  EXPECT_NEAR(seconds(watch.length()), 1.6, 1e-9);
+  for (const double s : {2.1, 2.2}) {
+    EXPECT_EQ(watch.look(after(s)), after(2));
+    EXPECT_TRUE(watch.settles());
+  }
+  (void)watch.look(after(2.3));  // long enough, but only the third look: a busy thread
+  EXPECT_TRUE(watch.settles());
+  (void)watch.look(after(2.4));
+  EXPECT_FALSE(watch.settles());
+  EXPECT_TRUE(watch.settles(after(2.1))) << "it was read soon after the gap, however long it waits since";
+  watch.restart(after(5));
+  EXPECT_EQ(watch.look(after(5.1)), after(2));
+  // The computer was suspended, and HostTime with it.
+  const std::chrono::nanoseconds boot = std::chrono::seconds(7);
+  watch.restart(after(6), boot);
+  EXPECT_EQ(watch.look(after(6.1), 1, boot + std::chrono::milliseconds(100)), after(2));
+  EXPECT_EQ(watch.look(after(6.2), 1, boot + std::chrono::seconds(60)), after(6.2));
+  EXPECT_NEAR(seconds(watch.length()), 59.9, 1e-9);
 }
 
 // One thread withdraws each call while another takes it: exactly one of them gets it, in any order.

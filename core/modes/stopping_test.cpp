@@ -76,6 +76,58 @@ TEST_F(Stopping, AnArmThatIsStoppedBeyondItsLimitStaysThere) {
   EXPECT_NEAR(loop.world.position(0)[0], limit + 0.01, 1e-3);
 }
 
+// A feature pushes all joints of a held arm with 0.5 N m, by up to that over the stiffness of the hold. A
+// stop leaves the arm where it is: on its way, where it has come to rest, and where its controllet had it.
+TEST_F(Stopping, FeaturesOfAHoldMoveNoStoppedArm) {
+  Request push{.kind = Kind::set_feature, .instance = loop.find("arm0_hold"), .on = true};
+  push.index = static_cast<std::uint16_t>(loop.modes().instance(push.instance).find_feature("push"));
+  const auto tau = [&] { return loop.cycle.data().tau_feature[0]; };
+  for (const int cycles : {60, 2000, 0}) {
+    if (cycles == 0) {
+      ASSERT_TRUE(loop.activate({"s0"}).accepted());
+    } else {
+      ASSERT_TRUE(loop.ask(push).accepted());
+    }
+    loop.steps(static_cast<std::size_t>(cycles));
+    const JointVector before = tau();
+    loop.modes().stop(ArmSet::of(0));
+    loop.step();
+    if (cycles == 2000) {
+      EXPECT_LT((tau() - before).norm(), 1e-3) << "it rests on the spring, which bears it";
+      EXPECT_NEAR(before[0], 0.5, 1e-12);
+    } else {
+      EXPECT_LT(tau().norm(), cycles == 0 ? 1e-12 : 0.9 * before.norm());
+    }
+    const JointVector kept = tau(), stopped_at = loop.world.position(0);
+    loop.steps(3000);
+    EXPECT_EQ(tau(), kept);
+    EXPECT_LT((loop.world.position(0) - stopped_at).lpNorm<Eigen::Infinity>(), cycles == 2000 ? 1e-4 : 4e-3)
+        << cycles;
+    ASSERT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(0)}).accepted());
+    EXPECT_LT((tau() - kept).lpNorm<Eigen::Infinity>(), 1.01 * 0.5 / 200);
+    loop.steps(250);
+    EXPECT_LT((tau() - joint_constant(7, 0.5)).norm(), 1e-9);
+  }
+}
+
+// Its hold would go on with the state of that cycle: no spring, no damping.
+TEST_F(Stopping, AFeatureThatThrowsLeavesTheHoldItsState) {
+  Request push{.kind = Kind::set_feature, .instance = loop.find("arm0_hold"), .on = true};
+  Instance& hold = loop.modes().instance(push.instance);
+  push.index = static_cast<std::uint16_t>(hold.find_feature("push"));
+  Request value{.kind = Kind::set_parameter, .instance = push.instance, .size = 1, .values = {-99}};
+  value.index = static_cast<std::uint16_t>(hold.find_parameter("push.torque_nm"));
+  ASSERT_TRUE(loop.ask(value).accepted());
+  ASSERT_TRUE(loop.ask(push).accepted());
+  loop.modes().stop(ArmSet::of(0));
+  loop.steps(2);
+  loop.world.set_position(0, loop.world.position(0) + JointVector(0.05 * JointVector::Unit(7, 3)));
+  loop.world.set_velocity(0, joint_constant(7, 0));
+  const double before = loop.cycle.data().tau_controllet[0][3];
+  loop.steps(2);
+  EXPECT_LT(loop.cycle.data().tau_controllet[0][3], before - 0.05 * 50);
+}
+
 TEST_F(Stopping, WhatWasPostedBeforeAStopDoesNotRunAfterIt) {
   loop.step();
   fill_a_step();
@@ -93,6 +145,45 @@ TEST_F(Stopping, WhatWasPostedBeforeAStopDoesNotRunAfterIt) {
   // A sender that knows of the stop may resume.
   EXPECT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(0)}).accepted());
   EXPECT_TRUE(loop.activate({"s0", "s1"}).accepted());
+}
+
+// It waited behind answers that its sender did not read, and the arm has been resumed meanwhile.
+TEST_F(Stopping, WhatWasAskedBeforeAStopDoesNotRunAfterTheResume) {
+  loop.step();
+  const HostTime before = host_now();
+  loop.modes().stop(ArmSet::of(0));
+  loop.step();
+  EXPECT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(0)}).accepted());
+  const Request start{.activate = loop.set({"s0"})};
+  std::uint64_t ticket = 0;
+  ASSERT_EQ(loop.modes().post(std::span(&start, 1), ticket, MultimodeController::kPatience, before),
+            Verdict::accepted);
+  loop.step();
+  EXPECT_EQ(verdict(ticket), Verdict::arm_stopped);
+  EXPECT_FALSE(runs("s0"));
+  EXPECT_TRUE(loop.activate({"s0"}).accepted());
+}
+
+// Somebody else stops the arm again, before a resume of the first stop comes, which was asked after it.
+TEST_F(Stopping, AResumeEndsNoStopThatItsAskerHasNotSeen) {
+  const auto resume = [&](ArmSet arms, std::uint32_t stops) {
+    return loop.ask({.kind = Kind::resume, .arms = arms, .stops = stops}).verdict;
+  };
+  loop.modes().stop(ArmSet::of(0));
+  loop.step();
+  const std::uint32_t seen = loop.modes().stops();
+  EXPECT_EQ(seen, 1u);
+  loop.modes().stop(ArmSet::of(1));
+  loop.step();
+  EXPECT_EQ(resume(ArmSet::all(2), seen), Verdict::arm_stopped);
+  EXPECT_EQ(loop.modes().stopped(), ArmSet::all(2));
+  EXPECT_EQ(resume(ArmSet::of(0), seen), Verdict::accepted) << "the other arm's stop is not its own";
+  EXPECT_EQ(loop.modes().stopped(), ArmSet::of(1));
+  loop.modes().stop(ArmSet::of(1));  // of an arm that is stopped already
+  loop.step();
+  EXPECT_EQ(resume(ArmSet::of(1), seen + 1), Verdict::arm_stopped);
+  EXPECT_EQ(resume(ArmSet::of(1), loop.modes().stops()), Verdict::accepted);
+  EXPECT_TRUE(loop.modes().stopped().empty());
 }
 
 // Whichever request of the batch the stop has overtaken.

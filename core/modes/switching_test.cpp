@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <atomic>
 #include <thread>
 
@@ -187,12 +188,38 @@ TEST(Switching, FeaturesSwitchAtTheCycle) {
   }
   EXPECT_EQ(loop.cycle.data().tau_feature[1], joint_constant(7, 0.5));
   EXPECT_EQ(loop.cycle.data().tau_feature[3].norm(), 0);
-  on.on = false;
-  EXPECT_TRUE(loop.ask(on).accepted());
-  EXPECT_EQ(loop.cycle.data().tau_feature[1].norm(), 0);
-  on.on = true;
-  EXPECT_TRUE(loop.ask(on).accepted());
-  EXPECT_NEAR(loop.cycle.data().tau_feature[1][0], 0.5 / 200, 1e-12) << "fades in again";
+  const auto fades = [&](bool to, int cycles, double from) {
+    on.on = to;
+    EXPECT_TRUE(loop.ask(on).accepted());
+    for (int cycle = 1; cycle <= cycles; ++cycle) {
+      const double share = std::clamp(from + (to ? cycle : -cycle) / 200.0, 0.0, 1.0);
+      ASSERT_NEAR(loop.cycle.data().tau_feature[1][0], 0.5 * share, 1e-12) << to << " " << cycle;
+      loop.step();
+    }
+  };
+  fades(false, 210, 1);
+  fades(true, 100, 0);
+  fades(false, 50, 0.505);  // the loop made a step after the last check
+}
+
+// Else its torque would step: it still acts.
+TEST(Switching, AFeatureThatStillFadesAndIsSwitchedOnAgainApproachesItsParameters) {
+  TestLoop loop(1, {{.name = "s0", .type = "spring", .arms = {0}}}, test::test_registry());
+  ASSERT_TRUE(loop.activate({"s0"}).accepted());
+  Request on{.kind = Kind::set_feature, .instance = loop.find("s0"), .on = true};
+  on.index = static_cast<std::uint16_t>(loop.modes().instance(on.instance).find_feature("push"));
+  ASSERT_TRUE(loop.ask(on).accepted());
+  loop.steps(300);
+  const JointVector before = loop.cycle.data().tau_feature[0];
+  EXPECT_EQ(before[0], 0.5);
+  Request off = on, value{.kind = Kind::set_parameter, .instance = on.instance, .size = 1, .values = {-0.5}};
+  off.on = false;
+  value.index =
+      static_cast<std::uint16_t>(loop.modes().instance(on.instance).find_parameter("push.torque_nm"));
+  for (const Request& request : {value, off, on}) ASSERT_TRUE(loop.ask(request).accepted());
+  EXPECT_LT((loop.cycle.data().tau_feature[0] - before).lpNorm<Eigen::Infinity>(), 3 * 1.01 / 200);
+  loop.steps(300);
+  EXPECT_EQ(loop.cycle.data().tau_feature[0][0], -0.5);
 }
 
 // The features of a controllet that starts fade in, each time and whoever owned the arms before.

@@ -1,10 +1,10 @@
-#include "core/plugin/c_law_controllets.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <set>
 #include <stdexcept>
+
+#include "core/plugin/load_plugin.hpp"
 
 namespace multipanda {
 namespace {
@@ -162,7 +162,7 @@ class CLaw final : public Controllet {
   using RowMajor3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
   using RowMajorJacobian = Eigen::Matrix<double, 6, Eigen::Dynamic, Eigen::RowMajor, 6, kMaxJoints>;
 
-  // What has to be copied, because the law's layout differs.
+  // Data that must be copied, because the law's layout differs.
   struct ArmBuffers {
     RowMajor3 R_WE;
     RowMajorJacobian J_V_WE;

@@ -6,7 +6,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "core/plugin/c_law_controllets.hpp"
 #include "core/plugin/law_trial.hpp"
 #include "core/plugin/load_plugin.hpp"
 #include "core/rt/guard/loop_guard.hpp"
@@ -39,7 +38,8 @@ TEST(CLaw, GetsTheStateTheModelAndTheSetPoints) {
       rig.state(0).tau_ext_hat = draw.joints(n, 10);
       rig.state(0).has_wrench_estimate = true;
       rig.state(0).F_K_W_est.vector << draw.vector3(20), draw.vector3(5);
-      rig.place(0, draw.joints(n, 1), draw.joints(n, 1));
+      const JointVector dq = draw.joints(n, 1);
+      rig.place(0, draw.joints(n, 1), dq);
     };
     place();
     const double q_start = rig.state(0).q[0];

@@ -6,6 +6,8 @@
 #include <limits>
 #include <random>
 
+#include "core/types/statistics.hpp"
+
 namespace multipanda {
 namespace {
 
@@ -194,13 +196,9 @@ LawTrial try_law(const ControlletType& type, ArmModels models, const LawTrialOpt
     ++found.states;
   }
   if (times.empty()) return found;
-  std::ranges::sort(times);
-  const auto at = [&](double share) {
-    return times[static_cast<std::size_t>(share * static_cast<double>(times.size() - 1))];
-  };
-  found.median_us = at(0.5);
-  found.p999_us = at(0.999);
-  found.worst_us = times.back();
+  found.median_us = quantile(times, 0.5);
+  found.p999_us = quantile(times, 0.999);
+  found.worst_us = quantile(times, 1);
   return found;
 }
 

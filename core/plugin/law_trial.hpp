@@ -5,8 +5,8 @@
 
 #include "core/controllets/controllet.hpp"
 
-// A controllet on random states, before it may move an arm: does it give a finite torque on all of them, and
-// how long does it take? Off the loop only.
+// Tests a controllet on random states before it moves an arm: are all torques finite, and how long does a
+// tick take? Off the loop only.
 namespace multipanda {
 
 struct LawTrialOptions {
@@ -16,10 +16,10 @@ struct LawTrialOptions {
   double most_us = 100;  // ends once more than a thousandth of all states took longer
 };
 
-// One state, and what the law made of it. Valid during the call only.
+// One state, and the law's result. Valid during the call only.
 struct LawTrialState {
   std::size_t number = 0;
-  bool started = false;  // directly before this tick, or refused to
+  bool started = false;  // started directly before this tick, or refused to start
   const ControlContext& context;
   LawResult result = LawResult::ok;
 };

@@ -5,7 +5,6 @@
 #include <multipanda_headers_hash.hpp>
 #include <stdexcept>
 
-#include "core/plugin/c_law_controllets.hpp"
 #include "core/plugin/layout.hpp"
 
 namespace multipanda {
@@ -51,7 +50,7 @@ std::string refusal(void* library) {
 
 using CLaws = const multipanda_c_laws* (*)();
 
-// All or none: a name that is taken leaves the registry as it was.
+// All or none: a name already in use leaves the registry unchanged.
 void add_laws(Registry& registry, CLaws exported) {
   const multipanda_c_laws* laws = exported();
   if (laws == nullptr) throw std::runtime_error("its function multipanda_laws returns nothing");
@@ -66,7 +65,7 @@ void add_laws(Registry& registry, CLaws exported) {
 void load_plugin(Registry& registry, const std::string& path) {
   void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (library == nullptr) throw std::runtime_error("library " + path + ": " + dlerror());
-  // Laws behind the C interface share no C++ types: version and sizes say whether they fit.
+  // Laws behind the C interface share no C++ types: version and sizes decide whether they match.
   if (const auto laws = symbol<CLaws>(library, "multipanda_laws"); laws != nullptr) {
     try {
       return add_laws(registry, laws);

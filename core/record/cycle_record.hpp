@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "core/record/arm_sample.hpp"
 #include "core/rt/spsc_ring.hpp"
 #include "core/types/capacity.hpp"
 #include "core/types/codes.hpp"
@@ -14,36 +15,6 @@
 // Records of the loop: one per cycle, and one event per change, as plain numbers in preallocated slots. Names
 // are stored once (RecordLayout); the reader composes the text.
 namespace multipanda {
-
-using JointArray = std::array<double, kMaxJoints>;
-
-struct ArmSample {
-  std::uint64_t sequence = 0;
-  std::int64_t t_robot_ns = 0;
-  double age_s = 0;
-  std::uint8_t mode = 0;  // ArmMode
-  std::uint64_t errors = 0;
-  std::uint16_t owner = 0;  // instance index
-  std::uint32_t config_version = 0;
-  std::uint64_t interventions = 0;  // total of this arm
-  bool due = false;                 // received a torque in this cycle
-  bool has_tau_ext = false, has_wrench_estimate = false, has_contact_truth = false;
-  JointArray q{}, dq{}, tau_J{}, tau_J_d{}, tau_ext{};    // state (first joint_count used)
-  JointArray tau_controllet{}, tau_feature{}, tau_cmd{};  // command: law, features, torque sent
-  std::array<double, 6> F_K_W_est{}, F_K_W_true{};
-  double command_success_rate = 1;  // as the arm reports it, 0 to 1
-  // Last reported state of the gripper; widths in [m]
-  bool has_gripper = false, gripper_grasped = false, gripper_moving = false;
-  double gripper_width = 0, gripper_max_width = 0;
-  // InterfaceReport. A pose: position, then the columns of the rotation.
-  bool has_report = false;
-  JointArray q_d{}, dq_d{}, theta{};
-  std::array<double, 12> X_BE_d{}, X_BE_c{};
-  std::array<double, 2> elbow{};
-  std::uint16_t joint_contact = 0, joint_collision = 0;
-  std::uint8_t cartesian_contact = 0, cartesian_collision = 0;
-  std::uint64_t last_motion_errors = 0;
-};
 
 struct ReferenceSample {
   std::uint16_t instance = 0;
@@ -88,7 +59,8 @@ enum class EventKind : std::uint8_t {
   // index: version; values: X_FE (7), X_EK (7), then of tool and load: mass, center, inertia xx xy xz yy yz
   // zz (10 each)
   arm_config,
-  arm_mode,  // index: new mode
+  arm_mode,    // index: new mode
+  goal_ended,  // index: input; values: cause (GoalEnd::Cause), measured, limit
 };
 
 struct Event {
@@ -97,7 +69,7 @@ struct Event {
   Verdict verdict = Verdict::accepted;
   LoopTime t;
   std::uint64_t cycle = 0;
-  std::uint64_t ticket = 0;         // request that it answers; 0: caused by the loop itself
+  std::uint64_t ticket = 0;         // request that it answers; 0: caused by the loop
   std::uint16_t instance = 0xFFFF;  // 0xFFFF: none
   std::uint16_t arm = 0xFFFF;       // 0xFFFF: none
   std::uint16_t index = 0xFFFF;
@@ -108,6 +80,13 @@ struct Event {
   std::uint8_t size = 0;
   std::array<double, 34> values{};  // switched: torque step per arm [N m], largest joint
 };
+
+// Keeps the rule that took an arm from its last controllet, whatever acts on its hold afterwards; none: it
+// has one, or a request took it. The first instances are the arms' holds.
+inline void note_removal(const Event& event, std::size_t arm, Intervention& removed_by) {
+  if (event.kind != EventKind::switched || ((event.started | event.stopped) >> arm & 1) == 0) return;
+  removed_by = (event.started >> arm & 1) != 0 ? event.intervention : Intervention::none;
+}
 
 // Names of the recorded numbers; fixed before the loop starts.
 struct RecordLayout {

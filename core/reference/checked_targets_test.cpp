@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -48,6 +49,82 @@ void expect_each_number_matters(const Reference& reference, const Target& good,
       *numbers[i] = kept;
     }
   }
+}
+
+// A motion that would rise to 1e6 m in 1e7 s is slow.
+TEST(CheckedTargets, MotionsThatNoArmMakesAreRefused) {
+  for (const Quantity quantity : kAll) {
+    const Reference reference = reference_of(quantity);
+    Target motion;
+    motion.delivery = Delivery::motion;
+    motion.size = static_cast<std::uint8_t>(motion_count(quantity, 7));
+    motion.period_s = 86400;
+    motion.harmonic_count = 2;
+    ASSERT_EQ(reference.check(motion), Verdict::accepted);
+    for (double* number : {&motion.values[0], &motion.sine[motion.size - 1u], &motion.harmonics[0].rise[0],
+                           &motion.harmonics[1].sine[0]}) {
+      for (const double sign : {-1.0, 1.0}) {
+        *number = sign * 1000;
+        EXPECT_EQ(reference.check(motion), Verdict::accepted) << to_string(quantity);
+        *number = sign * 1001;
+        EXPECT_EQ(reference.check(motion), Verdict::out_of_bounds) << to_string(quantity);
+        *number = 0;
+      }
+    }
+    for (const auto& [number, most] : {std::pair{&motion.period_s, 86400.0}, {&motion.cycles, 1e6}}) {
+      const double kept = std::exchange(*number, most);
+      EXPECT_EQ(reference.check(motion), Verdict::accepted);
+      *number = 1.01 * most;
+      EXPECT_EQ(reference.check(motion), Verdict::out_of_bounds);
+      *number = kept;
+    }
+  }
+}
+
+// A force of 1e300 N is finite: each quantity has a largest number, and a goal a longest duration.
+TEST(CheckedTargets, NumbersThatNoArmReachesAreRefused) {
+  for (const Quantity quantity : kAll) {
+    const Reference reference = reference_of(quantity);
+    const std::size_t numbers = quantity == Quantity::pose ? 3 : goal_of(quantity).size;
+    for (std::size_t i = 0; i < numbers; ++i) {
+      for (const double sign : {-1.0, 1.0}) {
+        Target target = goal_of(quantity);
+        target.values[i] = sign * Reference::kGreatest;
+        EXPECT_EQ(reference.check(target), Verdict::accepted);
+        EXPECT_EQ(reference.refusal(target), "");
+        for (const double large : {1001.0, 1e300}) {
+          target.values[i] = sign * large;
+          EXPECT_EQ(reference.check(target), Verdict::out_of_bounds);
+          EXPECT_NE(reference.refusal(target).find("expected at most 1000, in SI units"), std::string::npos);
+        }
+      }
+    }
+    Target target = goal_of(quantity);
+    target.duration_s = 86400;
+    EXPECT_EQ(reference.check(target), Verdict::accepted);
+    target.duration_s = 86401;
+    EXPECT_EQ(reference.check(target), Verdict::out_of_bounds);
+    EXPECT_EQ(reference.refusal(target), "the duration is 86401 s; expected 0 to 86400 s");
+  }
+}
+
+TEST(CheckedTargets, JointsStayInTheirRange) {
+  const JointRange range{.min = JointVector::Constant(7, -1), .max = JointVector::LinSpaced(7, 1, 1.6)};
+  Reference reference({.name = "input", .quantity = Quantity::joints}, 7, range);
+  Target target = goal_of(Quantity::joints);
+  for (std::size_t i = 0; i < 7; ++i) {
+    target = goal_of(Quantity::joints);
+    target.values[i] = range.max[static_cast<Eigen::Index>(i)];
+    EXPECT_EQ(reference.post(target), Verdict::accepted);
+    target.values[i] += 0.001;
+    EXPECT_EQ(reference.post(target), Verdict::out_of_bounds);
+    EXPECT_EQ(reference.refusal(target), range.refusal(std::span(target.values).first(7)));
+    Chunk chunk{.size = 7, .count = 2};
+    chunk.times_s[1] = 0.01;
+    chunk.values[1] = target.values;
+    EXPECT_EQ(reference.check(chunk), Verdict::out_of_bounds);
+  }
+  EXPECT_EQ(reference_of(Quantity::joints).check(target), Verdict::accepted) << "no range is known";
 }
 
 TEST(CheckedTargets, NoNumberOfAGoalMayBeInfinite) {

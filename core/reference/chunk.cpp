@@ -3,7 +3,7 @@
 
 #include "core/reference/reference.hpp"
 
-// Samples that arrive before they are due: a policy's next actions, replaced by its next ones.
+// Samples that arrive before they are due: a policy's next actions, replaced by later ones.
 namespace multipanda {
 
 Verdict Reference::check(const Chunk& chunk) const {
@@ -49,7 +49,7 @@ void Reference::take_chunk(double now_s) {
 
 // Plans the newest of the samples that are due.
 void Reference::take_due(double now_s) {
-  if (next_ == queued_ || (streaming_ && now_s <= last_arrival_s_)) return;  // a paused loop stands still
+  if (next_ == queued_ || (streaming_ && now_s <= last_arrival_s_)) return;  // a paused loop has no time
   const Chunk& chunk = inbox_->chunks.value();
   const auto due_s = [&](std::size_t k) {
     if (chunk.count == 1) return chunk.times_s[0];

@@ -14,8 +14,8 @@ using test::Draw;
 
 constexpr double kDt = 0.001;
 constexpr double kMaxSpeed = 0.25;  // [m/s] or [rad/s]
-constexpr double kBeyond =
-    0.3 * kMaxSpeed;  // what the series is followed beyond its newest sample, and the brake
+// What the series is followed beyond its newest sample, and the brake.
+constexpr double kBeyond = 0.3 * kMaxSpeed;
 
 struct Motion {
   double fastest = 0, farthest = 0, least = 0, last = 0;  // [m/s], [m] from zero, [m], [m]; or in radians

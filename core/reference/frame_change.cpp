@@ -1,7 +1,7 @@
 #include <algorithm>
 
 #include "core/reference/reference.hpp"
-#include "core/types/rotation_rate.hpp"
+#include "core/types/spatial.hpp"
 
 // Moves a set-point along with a frame that was redefined.
 namespace multipanda {
@@ -60,15 +60,13 @@ void Reference::carry(const Pose& X) {
   } else {
     segment_.plan(coordinates(), now_, goal, 0);
   }
-  // The next sample of a stream is no continuation: it is approached within the speed limits.
+  // The next sample of a stream is not a continuation: it is approached within the speed limits.
   last_.id = kOfAnotherFrame;
   period_s_ = 0;
   forget_chunk();
-  // So is a goal that waits for the hand.
+  // The same for a goal that waits for the hand.
   if (waiting_ && waiting_for_.delivery == Delivery::goal) {
-    const auto& v = waiting_for_.values;
-    const Pose X_waiting = Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6])) * X;
-    waiting_for_.values = pose_target(X_waiting).values;
+    waiting_for_.values = pose_target(Pose::from(waiting_for_.values.data()) * X).values;
   }
   if (in_motion_) motion_.add(t_motion_, coordinates(), now_);
   apply_pace();

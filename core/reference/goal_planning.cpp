@@ -22,8 +22,7 @@ Reference::Aim Reference::aim_at(const Target& target) const {
   Aim aim;
   const auto& v = target.values;
   if (spec_.quantity == Quantity::pose) {
-    const Pose X = Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
-    const Vector3 r = log_rotation(X.rotation * R_0_.transpose());
+    const Vector3 r = log_rotation(Pose::from(v.data()).rotation * R_0_.transpose());
     for (std::size_t i = 0; i < 3; ++i) {
       aim.goal[i] = v[i];
       aim.goal[3 + i] = r[static_cast<Eigen::Index>(i)];
@@ -36,7 +35,7 @@ Reference::Aim Reference::aim_at(const Target& target) const {
   aim.distance = magnitude(way);
   aim.shortest_s = std::max({rest_to_rest_duration(aim.distance.linear, spec_.max_speed),
                              rest_to_rest_duration(aim.distance.angular, spec_.max_angular_speed),
-                             rest_to_rest_duration(hand_speed(way), greatest_hand_speed_)});
+                             rest_to_rest_duration(hand_speed(way), hand_bound())});
   return aim;
 }
 
@@ -73,10 +72,13 @@ double Reference::plan_rest(const QuinticSegment::Values& goal, double duration_
 }
 
 // Highest speed of the planned segment relative to the limit (or to the current speed, if that is higher).
+// From rest the pace has the time to bound a pose's points; plans in motion follow each other faster than it.
 double Reference::peak_excess(std::size_t samples) const {
+  const bool moving = now_.velocity != QuinticSegment::Values{};
   const auto speeds = [&](const QuinticSegment::Sample& s) -> Magnitude {
     const Magnitude speed = magnitude(s.velocity);
-    return {std::max(speed.linear / spec_.max_speed, hand_speed(s.velocity) / greatest_hand_speed_),
+    return {std::max({speed.linear / spec_.max_speed, hand_speed(s.velocity) / hand_bound(),
+                      moving ? 1 / points_share(s) : 0}),
             speed.angular / spec_.max_angular_speed};
   };
   const auto [linear_now, angular_now] = speeds(now_);

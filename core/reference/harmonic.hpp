@@ -11,7 +11,7 @@ namespace multipanda {
 // The rate of theta is 2 pi / period, faded in and out over `ramp` (s(u) = 6u^5 - 15u^4 + 10u^3), so the
 // total duration is period * cycles + ramp. A circle of radius r through x_0: rise = -2 r a, sine = r b, with
 // a from the center to x_0 and b the initial direction. With harmonics it is a Fourier series per coordinate,
-// as used to excite arms for identification (docs/excitation.md); it still begins and ends at rest.
+// as used to excite arms for identification (docs/identification.md); it still begins and ends at rest.
 struct Harmonic {
   // Minimum ramp, so that velocity and acceleration of the set-point are continuous.
   static constexpr double kShortestRamp = 0.1;  // [s]

@@ -1,14 +1,18 @@
 #include "core/reference/reference.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdio>
 #include <stdexcept>
 
-#include "core/types/rotation_rate.hpp"
+#include "core/types/spatial.hpp"
 
 namespace multipanda {
 namespace {
 
+constexpr double kLongest = 86400;  // [s] of a goal, or a motion's period
+constexpr double kMostCycles = 1e6;
 constexpr double kMaxStreamPeriod = 0.2;  // [s]; a longer gap ends a stream ...
 constexpr double kMaxStreamGap = 3.5;     // ... unless it has fewer periods: lost samples
 
@@ -25,9 +29,15 @@ Harmonic harmonic_of(const Target& target) {
 
 }  // namespace
 
-Reference::Reference(InputSpec spec, std::size_t joint_count)
+std::string carries_text(const InputSpec& input) {
+  return "input '" + input.name + "' carries a " + std::string(to_string(input.quantity)) + ": expected " +
+         keys_of(input.quantity).expected;
+}
+
+Reference::Reference(InputSpec spec, std::size_t joint_count, JointRange range)
     : spec_(std::move(spec)),
       size_(value_count(spec_.quantity, joint_count)),
+      range_(std::move(range)),
       inbox_(std::make_unique<Inbox>()) {
   if (!(spec_.timeout_s > 0 && spec_.max_speed > 0 && spec_.max_angular_speed > 0)) {
     throw std::invalid_argument("input '" + spec_.name + "': timeout and speed limits must be above zero");
@@ -36,18 +46,49 @@ Reference::Reference(InputSpec spec, std::size_t joint_count)
   q_d_ = dq_d_ = ddq_d_ = JointVector::Zero(n);
 }
 
-Verdict Reference::check(const Target& target) const {
+std::string Reference::refusal(const Target& target) const {
+  std::string why;
+  (void)inspect(target, &why);
+  return why;
+}
+
+// `why`: set to the reason; nullptr in the loop.
+Verdict Reference::inspect(const Target& target, std::string* why) const {
+  const auto refused = [why](Verdict verdict, auto... format) {
+    std::array<char, 128> text{};
+    if (why != nullptr) std::snprintf(text.data(), text.size(), format...);
+    if (why != nullptr) *why = text.data();
+    return verdict;
+  };
   if (target.delivery == Delivery::motion) return check_motion(target);
-  if (target.size != size_) return Verdict::wrong_size;
-  if (!std::isfinite(target.duration_s)) return Verdict::not_finite;
+  if (target.size != size_)
+    return refused(Verdict::wrong_size, "expected %zu number%s, found %u", size_, size_ == 1 ? "" : "s",
+                   unsigned{target.size});
   for (std::size_t i = 0; i < size_; ++i) {
-    if (!std::isfinite(target.values[i])) return Verdict::not_finite;
+    const double value = target.values[i];
+    if (!std::isfinite(value))
+      return refused(Verdict::not_finite, "number %zu of %zu is not finite", i + 1, size_);
+    if (std::abs(value) > kGreatest)
+      return refused(Verdict::out_of_bounds, "number %zu of %zu is %.6g; expected at most %g, in SI units",
+                     i + 1, size_, value, kGreatest);
   }
-  if (target.duration_s < 0) return Verdict::out_of_bounds;
+  if (!(target.duration_s >= 0 && target.duration_s <= kLongest)) {
+    const bool finite = std::isfinite(target.duration_s);
+    return refused(finite ? Verdict::out_of_bounds : Verdict::not_finite,
+                   "the duration is %g s; expected 0 to %g s", target.duration_s, kLongest);
+  }
   if (spec_.quantity == Quantity::pose) {
     const auto& v = target.values;
     const double norm = std::sqrt(v[3] * v[3] + v[4] * v[4] + v[5] * v[5] + v[6] * v[6]);
-    if (std::abs(norm - 1.0) > 1e-2) return Verdict::out_of_bounds;
+    if (std::abs(norm - 1.0) > 1e-2)
+      return refused(Verdict::out_of_bounds,
+                     "the quaternion's length is %.6g; expected a unit quaternion, w first", norm);
+  }
+  if (spec_.quantity == Quantity::joints && range_.min.size() > 0) {
+    const std::span q(target.values.data(), size_);
+    if (range_.first_outside(q) == size_) return Verdict::accepted;
+    if (why != nullptr) *why = range_.refusal(q);
+    return Verdict::out_of_bounds;
   }
   return Verdict::accepted;
 }
@@ -70,6 +111,18 @@ Verdict Reference::check_motion(const Target& target) const {
     }
   }
   if (!(target.period_s > 0 && target.cycles > 0 && target.ramp_s >= 0)) return Verdict::out_of_bounds;
+  if (target.period_s > kLongest || target.cycles > kMostCycles) return Verdict::out_of_bounds;
+  const auto too_large = [size](const auto&... parts) {
+    const auto any = [size](const auto& part) {
+      return std::any_of(part.begin(), part.begin() + static_cast<std::ptrdiff_t>(size),
+                         [](double value) { return std::abs(value) > kGreatest; });
+    };
+    return (any(parts) || ...);
+  };
+  if (too_large(target.values, target.sine)) return Verdict::out_of_bounds;
+  for (std::size_t k = 0; k < target.harmonic_count; ++k) {
+    if (too_large(target.harmonics[k].sine, target.harmonics[k].rise)) return Verdict::out_of_bounds;
+  }
   const Harmonic motion = harmonic_of(target);
   if (motion.ramp_s > motion.period_s * motion.cycles) return Verdict::out_of_bounds;
   if (spec_.quantity == Quantity::pose) {
@@ -275,10 +328,7 @@ Vector6 Reference::vector() const { return Eigen::Map<const Vector6>(now_.positi
 
 void Reference::record(double* values, double* rates) const {
   if (spec_.quantity == Quantity::pose) {
-    const Quaternion q = X_d_.quaternion();
-    const double pose[7] = {
-        X_d_.position.x(), X_d_.position.y(), X_d_.position.z(), q.w(), q.x(), q.y(), q.z()};
-    std::copy_n(pose, 7, values);
+    std::ranges::copy(X_d_.values(), values);
     std::copy_n(V_d_.vector.data(), 6, rates);
     rates[6] = 0;
     return;

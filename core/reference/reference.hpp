@@ -5,6 +5,7 @@
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <span>
 #include <string>
 
 #include "core/reference/harmonic.hpp"
@@ -13,6 +14,7 @@
 #include "core/rt/triple_buffer.hpp"
 #include "core/trajectory/quintic.hpp"
 #include "core/types/codes.hpp"
+#include "core/types/joint_range.hpp"
 #include "core/types/joints.hpp"
 
 namespace multipanda {
@@ -27,7 +29,11 @@ struct InputSpec {
   double timeout_s = 0.1;  // a stream without samples for longer is lost
   double max_speed = 0.5;  // speed limit of the set-point: [m/s], [rad/s] for joints, [unit/s] for others
   double max_angular_speed = 1.0;  // speed limit of a pose's rotation [rad/s]
+  bool common = false;             // a pose with which the hands of all arms turn, each about itself
 };
+
+// "input 'pose' carries a pose: expected position_m [m] with ...", where other keys were found.
+std::string carries_text(const InputSpec& input);
 
 // Takes targets from any thread and gives the loop a reference that is continuous in position, velocity and
 // acceleration, whatever arrives. Every set-point passes through it. A distant target is approached within
@@ -52,27 +58,33 @@ struct InputSpec {
 // to log(R_goal R_0^T), so it takes the shortest rotation and its velocity is continuous at the start.
 class Reference {
  public:
-  Reference(InputSpec spec, std::size_t joint_count);
+  // Targets for joints outside of `range` are refused; without sizes: none is.
+  Reference(InputSpec spec, std::size_t joint_count, JointRange range = {});
 
   const InputSpec& spec() const { return spec_; }
   std::size_t size() const { return size_; }
 
   // --- any thread except the loop's; callers wait for each other, never for the loop ---
-  // accepted, wrong_size, not_finite or out_of_bounds (a quaternion far from unit length; a motion that is
-  // too fast, or whose ramp is longer than the motion).
-  Verdict check(const Target& target) const;
+  // accepted, wrong_size, not_finite or out_of_bounds (a number above kGreatest, a joint outside of its
+  // range, a quaternion far from unit length, a duration or period above a day; a motion that is too fast,
+  // has above a million cycles, or whose ramp is longer than the motion).
+  Verdict check(const Target& target) const { return inspect(target, nullptr); }
+  // What check() finds, in words; empty: nothing, or something that only a motion can get wrong.
+  std::string refusal(const Target& target) const;
+  // Far beyond any arm's positions, speeds and forces [m, m/s, rad/s, N, N m].
+  static constexpr double kGreatest = 1000;
   Verdict post(Target target);
   // Times must increase, with gaps of at most the input's timeout. A chunk replaces all samples that are not
   // due yet. It is discarded by any newer target, by start() and by carry(). `id`: of the chunk, if accepted.
   Verdict check(const Chunk& chunk) const;
   Verdict post(Chunk chunk, std::uint64_t& id);
-  // What is left of this chunk, unless a newer one has replaced it.
+  // Remaining samples of this chunk, unless a newer one has replaced it.
   void discard(std::uint64_t chunk);
-  // Samples of chunks whose time had passed when the loop got them: not used.
+  // Number of samples of chunks that were overdue when the loop received them: not used.
   std::uint64_t late() const { return inbox_->late.load(std::memory_order_relaxed); }
 
   // --- loop thread ---
-  void start(const Pose& X_measured);  // begin here, at rest; discards older targets
+  void start(const Pose& X_measured);  // starts here, at rest; discards older targets
   void start(const JointVector& measured);
   void start_constant(double value);  // twist, wrench, scalar: usually 0
   // A checked target from within the loop. It is planned at the next advance(): of several in one step, only
@@ -81,7 +93,7 @@ class Reference {
   // The frame that follows this pose was redefined: it is now X away from the old one, X_new = X_old X. Moves
   // the set-point, its goal and its velocity along, so that the arm is not asked to move.
   void carry(const Pose& X);
-  // For references that a law keeps itself.
+  // For references owned by a law.
   void limit_speed(double max_speed) { spec_.max_speed = max_speed; }
   // Takes newly arrived targets and advances by dt. `now_s` is the time of the loop.
   void advance(double dt, double now_s);
@@ -92,6 +104,11 @@ class Reference {
   void bound_carried_speed(const Jacobian& J);
   // The same for a pose that carries hands `lever` away from it [m]: |v| + |omega| lever.
   void bound_hand_speed(double greatest, double lever);
+  // The same for points that move with a hand, `from_hand` [m] from its origin: of joints in world axes,
+  // within its bound; of a pose in its own axes, within `greatest` or what its position has. `farthest`: of
+  // all hands, at least that of these.
+  using Points = std::array<Vector3, 4>;
+  void bound_points(double greatest, std::span<const Vector3> from_hand, double farthest);
   // After advance(), once per hand: what pulls it to this set-point (a wrench in world axes, or torques of
   // joints), as shares of what is allowed. From kWaitsFrom on the set-point slows down, at 1 it waits, where
   // it would move along the pull and so load it more. It goes on when the hand follows. Targets that arrive
@@ -140,6 +157,8 @@ class Reference {
   double largest_share() const;
   double share_along(const QuinticSegment::Values& velocity) const;
   double hand_speed(const QuinticSegment::Values& velocity) const;
+  double hand_bound() const;
+  double points_share(const QuinticSegment::Sample& sample) const;
   double pace_wanted() const;
   void update_pace(double dt);
   void apply_pace();
@@ -147,12 +166,13 @@ class Reference {
   void plan_goal(const Target& target);
   void plan_stream(const Target& target, std::uint64_t steps, double elapsed_s);
   void plan_slow_stream(const Target& target);
-  double speed_excess(const QuinticSegment::Values& velocity) const;
+  double speed_excess(const QuinticSegment::Sample& sample) const;
   void plan_to_rest_or_brake(const Target& target);
   bool too_fast() const;
   void plan_brake();
   void begin_motion(const Target& target);
   void end_motion();
+  Verdict inspect(const Target& target, std::string* why) const;
   Verdict check_motion(const Target& target) const;
   // The pose, velocity and acceleration of a sample in the coordinates of the segment.
   void pose_of(const QuinticSegment::Sample& sample, Pose& X, Twist& V, Twist& A) const;
@@ -182,6 +202,7 @@ class Reference {
 
   InputSpec spec_;
   std::size_t size_;
+  JointRange range_;
 
   struct Inbox {
     std::mutex posters;        // never taken by the loop
@@ -202,13 +223,13 @@ class Reference {
   double last_arrival_s_ = 0;
   double period_s_ = 0;  // of the stream, filtered; 0: unknown
   Series series_;        // of a slow stream
-  bool timed_ = false;   // the sample that is being taken has a time of its own
+  bool timed_ = false;   // the sample being taken has its own time
   Target last_;          // newest target of a stream
   Target pending_;       // newest target of this step
   bool is_pending_ = false;
   std::uint64_t planned_ = 0;
-  bool moving_end_ = false;  // the segment ends with a velocity
-  double braking_s_ = 0;     // left of a stream's brake, before its next sample is planned
+  bool moving_end_ = false;  // the segment ends with nonzero velocity
+  double braking_s_ = 0;     // remaining braking of a stream before its next sample is planned
   Harmonic motion_;          // added to the segment while it lasts
   bool in_motion_ = false;
   double t_motion_ = 0;  // time in the motion [s]
@@ -216,9 +237,13 @@ class Reference {
   double pace_ = 1, pace_rate_ = 0;         // p, dp/dt [1/s]
   QuinticSegment::Values path_velocity_{};  // x'
   double greatest_hand_speed_ = std::numeric_limits<double>::infinity();
-  Jacobian J_hand_;                        // joints only
-  Jacobian J_carried_;                     // joints that move a second hand
-  double lever_ = 0;                       // poses only [m]
+  Jacobian J_hand_;     // joints only
+  Jacobian J_carried_;  // joints that move a second hand
+  double lever_ = 0;    // poses only [m]
+  double greatest_of_points_ = std::numeric_limits<double>::infinity();
+  Points points_{};
+  std::size_t point_count_ = 0;
+  double farthest_ = 0;
   std::array<Resistance, 2> resisting_{};  // hands, since the last advance(); a third replaces the weaker
   std::size_t resisting_count_ = 0;
   Target waiting_for_;  // a target that arrived while the hand could not follow

@@ -7,9 +7,10 @@ namespace multipanda {
 namespace {
 
 constexpr double kShareFilter = 0.1;  // weight of a new sample in the filtered errors and speeds
-constexpr double kSlowestShare =
-    0.02;                              // of the greatest speeds; slower series are judged as if at this speed
-constexpr double kShortestStep = 0.5;  // periods; samples that come closer together tell little of velocity
+// A share of the greatest speeds: slower series are judged as if at this speed.
+constexpr double kSlowestShare = 0.02;
+constexpr double kShortestStep = 0.5;  // in periods; samples closer together contain little information on
+                                       // velocity
 // The error of three samples' prediction for errors of 1 in each: (1 + 9 + 9 + 1)^1/2.
 constexpr double kThreeSamples = 4.47;
 constexpr double kLongestMemory = 0.15;  // time constant of the longest memory [s]
@@ -18,10 +19,7 @@ constexpr double kHalfMemory = 0.02;     // unevenness, in periods, at which hal
 // the smaller of the last two, so that a jump is no velocity.
 constexpr double kTurn = 0.8;
 
-Matrix3 rotation_of(const Target& sample) {
-  const auto& v = sample.values;
-  return Quaternion(v[3], v[4], v[5], v[6]).normalized().toRotationMatrix();
-}
+Matrix3 rotation_of(const Target& sample) { return Pose::from(sample.values.data()).rotation; }
 
 Vector3 turn_of(const QuinticSegment::Values& v) { return {v[3], v[4], v[5]}; }
 
@@ -75,7 +73,7 @@ Series::Values Series::predict(Filter& filter, double dt) const {
   return way;
 }
 
-// `past`: weight of what is known; without it, the parabola through the last three samples.
+// `past`: weight of the memory; without it, the parabola through the last three samples.
 void Series::correct(Filter& filter, const Values& error, double past, double dt) const {
   const double fresh = 1 - past;
   Values correction{};

@@ -34,7 +34,7 @@ class Series {
   double share(const Values& v) const;  // of the greatest speeds
   Values error(const Filter& filter, const Target& sample) const;
   void move(Filter& filter, const Values& by) const;
-  Values predict(Filter& filter, double dt) const;  // returns its way
+  Values predict(Filter& filter, double dt) const;  // returns the distance
   void correct(Filter& filter, const Values& error, double past, double dt) const;
 
   bool pose_ = false;

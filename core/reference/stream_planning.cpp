@@ -3,7 +3,7 @@
 #include <limits>
 
 #include "core/reference/reference.hpp"
-#include "core/types/rotation_rate.hpp"
+#include "core/types/spatial.hpp"
 
 // Plans motions through the samples of a stream, and the stop at its end.
 namespace multipanda {
@@ -76,10 +76,9 @@ void Reference::plan_slow_stream(const Target& target) {
   double horizon = std::max(even, std::min(uneven, kLongestHorizon));
   for (;; horizon *= 1.25) {
     QuinticSegment::Sample end = series_.at(horizon - period_s_, R_0_);
-    const double excess = speed_excess(end.velocity);
-    if (excess > 1) {  // goes on from the sample at the limit
+    if (speed_excess(end) > 1) {  // goes on from the sample at the limit
       end = series_.at(0, R_0_);
-      const double keep = 1 / std::max(1.0, speed_excess(end.velocity));
+      const double keep = 1 / std::max(1.0, speed_excess(end));
       for (std::size_t i = 0; i < coordinates(); ++i) {
         end.velocity[i] *= keep;
         end.position[i] += end.velocity[i] * (horizon - period_s_);
@@ -105,14 +104,14 @@ void Reference::plan_to_rest_or_brake(const Target& target) {
 
 // Whether the planned segment exceeds the speed limit, or grows faster than it is now.
 bool Reference::too_fast() const {
-  return peak_excess(8) > (speed_excess(now_.velocity) > kStreamExcess ? 1 : kStreamExcess);
+  return peak_excess(8) > (speed_excess(now_) > kStreamExcess ? 1 : kStreamExcess);
 }
 
-// The largest share of its limits that a velocity takes, in the coordinates of the segment.
-double Reference::speed_excess(const QuinticSegment::Values& velocity) const {
-  const Magnitude speed = magnitude(velocity);
+// The largest share of its limits that the velocity of a sample takes; of those of its points at least 1.
+double Reference::speed_excess(const QuinticSegment::Sample& sample) const {
+  const Magnitude speed = magnitude(sample.velocity);
   return std::max({speed.linear / spec_.max_speed, speed.angular / spec_.max_angular_speed,
-                   hand_speed(velocity) / greatest_hand_speed_});
+                   hand_speed(sample.velocity) / hand_bound(), 1 / points_share(sample)});
 }
 
 // Extrapolates the series to `ahead` seconds after the sample.
@@ -129,23 +128,29 @@ Reference::Aim Reference::aim_past(const Target& target, const Aim& sample, doub
   const double hand = pose ? 0.0 : hand_speed(aim.velocity);
   const double keep = std::min(speed2 > 0 ? std::min(1.0, spec_.max_speed / std::sqrt(speed2)) : 1.0,
                                hand > 0 ? std::min(1.0, greatest_hand_speed_ / hand) : 1.0);
-  for (std::size_t i = 0; i < n; ++i) {
-    aim.velocity[i] *= keep;
-    aim.goal[i] += aim.velocity[i] * ahead;
-  }
-  if (!pose) return aim;
-  const auto& v = target.values;
-  const auto& u = last_.values;
-  const Matrix3 R = Quaternion(v[3], v[4], v[5], v[6]).normalized().toRotationMatrix();
-  const Matrix3 R_last = Quaternion(u[3], u[4], u[5], u[6]).normalized().toRotationMatrix();
+  for (std::size_t i = 0; i < n; ++i) aim.velocity[i] *= keep;
+  const auto go_on = [&] {
+    for (std::size_t i = 0; i < n; ++i) aim.goal[i] += aim.velocity[i] * ahead;
+  };
+  if (!pose) return go_on(), aim;
+  const Matrix3 R = Pose::from(target.values.data()).rotation;
+  const Matrix3 R_last = Pose::from(last_.values.data()).rotation;
   Vector3 omega = log_rotation(R * R_last.transpose()) / span;
   if (omega.norm() > spec_.max_angular_speed) omega *= spec_.max_angular_speed / omega.norm();
-  const Vector3 r = log_rotation(exp_rotation(omega * ahead) * R * R_0_.transpose());
-  const Vector3 dr = omega - 0.5 * r.cross(omega);  // inverse left Jacobian, r small within a horizon
-  for (std::size_t i = 0; i < 3; ++i) {
-    aim.goal[3 + i] = r[static_cast<Eigen::Index>(i)];
-    aim.velocity[3 + i] = dr[static_cast<Eigen::Index>(i)];
-  }
+  // Inverse left Jacobian, r small within a horizon.
+  const auto turn = [&](const Vector3& r) {
+    const Vector3 dr = omega - 0.5 * r.cross(omega);
+    for (std::size_t i = 0; i < 3; ++i) {
+      aim.goal[3 + i] = r[static_cast<Eigen::Index>(i)];
+      aim.velocity[3 + i] = dr[static_cast<Eigen::Index>(i)];
+    }
+  };
+  turn(rotation_of(aim.goal));
+  const double share = points_share({aim.goal, aim.velocity, {}});
+  omega *= share;
+  for (std::size_t i = 0; i < n; ++i) aim.velocity[i] *= share;
+  go_on();
+  turn(log_rotation(exp_rotation(omega * ahead) * R * R_0_.transpose()));
   return aim;
 }
 

@@ -1,5 +1,7 @@
 #include "core/reference/target.hpp"
 
+#include <algorithm>
+
 namespace multipanda {
 
 std::string_view to_string(Quantity quantity) {
@@ -17,6 +19,22 @@ std::string_view to_string(Quantity quantity) {
   }
   return "unknown";
 }
+
+const std::vector<QuantityKeys>& quantity_keys() {
+  static const std::vector<QuantityKeys> table{
+      {Quantity::pose,
+       {"position_m", "rpy_rad", "quaternion_wxyz"},
+       "position_m [m] with rpy_rad [rad] or quaternion_wxyz"},
+      {Quantity::twist,
+       {"linear_m_per_s", "angular_rad_per_s"},
+       "linear_m_per_s [m/s] and/or angular_rad_per_s [rad/s]"},
+      {Quantity::wrench, {"force_n", "torque_nm"}, "force_n [N] and/or torque_nm [N m]"},
+      {Quantity::joints, {"q_rad"}, "q_rad [rad], one number per joint"},
+      {Quantity::scalar, {"value"}, "value, one number"}};
+  return table;
+}
+
+const QuantityKeys& keys_of(Quantity quantity) { return quantity_keys()[static_cast<std::size_t>(quantity)]; }
 
 std::size_t value_count(Quantity quantity, std::size_t joint_count) {
   switch (quantity) {
@@ -37,6 +55,27 @@ std::size_t motion_count(Quantity quantity, std::size_t joint_count) {
   return quantity == Quantity::pose ? 3 : value_count(quantity, joint_count);
 }
 
+void Target::set(std::span<const double> numbers) {
+  size = static_cast<std::uint8_t>(std::min<std::size_t>(numbers.size(), UINT8_MAX));
+  std::copy_n(numbers.begin(), std::min(numbers.size(), values.size()), values.begin());
+}
+
+void Target::to_world(Quantity quantity, const Pose& X_WB) {
+  auto& v = values;
+  if (quantity == Quantity::pose) {
+    // Rotated without normalization: the check for unit length comes later.
+    const Quaternion q = X_WB.quaternion() * Quaternion(v[3], v[4], v[5], v[6]);
+    const Vector3 p = X_WB * Vector3(v[0], v[1], v[2]);
+    const double world[7] = {p.x(), p.y(), p.z(), q.w(), q.x(), q.y(), q.z()};
+    std::copy_n(world, 7, v.begin());
+    return;
+  }
+  for (const std::size_t at : {std::size_t{0}, std::size_t{3}}) {
+    const Vector3 turned = X_WB.rotation * Vector3(v[at], v[at + 1], v[at + 2]);
+    for (std::size_t i = 0; i < 3; ++i) v[at + i] = turned[static_cast<Eigen::Index>(i)];
+  }
+}
+
 Target Chunk::sample(std::size_t k) const {
   Target target;
   target.id = id + k;
@@ -47,12 +86,11 @@ Target Chunk::sample(std::size_t k) const {
 }
 
 Target pose_target(const Pose& X, double duration_s, Delivery delivery) {
-  const Quaternion q = X.quaternion();
   Target target;
   target.delivery = delivery;
   target.size = 7;
   target.duration_s = duration_s;
-  target.values = {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()};
+  std::ranges::copy(X.values(), target.values.begin());
   return target;
 }
 

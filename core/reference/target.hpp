@@ -2,7 +2,10 @@
 
 #include <array>
 #include <cstdint>
+#include <span>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "core/types/capacity.hpp"
 #include "core/types/spatial.hpp"
@@ -19,6 +22,16 @@ namespace multipanda {
 enum class Quantity : std::uint8_t { pose, twist, wrench, joints, scalar };
 std::string_view to_string(Quantity quantity);
 std::size_t value_count(Quantity quantity, std::size_t joint_count);
+
+// The keys by which scene files and the socket give values of a quantity.
+struct QuantityKeys {
+  Quantity quantity;
+  std::vector<std::string> keys;
+  const char* expected;  // in words, with units
+};
+const std::vector<QuantityKeys>& quantity_keys();  // a row per quantity
+const QuantityKeys& keys_of(Quantity quantity);
+
 // For a motion: as above, but the motion of a pose moves its position only.
 std::size_t motion_count(Quantity quantity, std::size_t joint_count);
 
@@ -39,15 +52,20 @@ struct Target {
   std::uint64_t id = 0;  // counts the targets of one input; 0: none yet
   Delivery delivery = Delivery::goal;
   std::uint8_t size = 0;  // values used
-  double duration_s =
-      0;  // time to reach it; longer if the speed limit of the input requires it. 0: as fast as possible
+  // Time to reach it; longer if the speed limit of the input requires it. 0: as fast as possible.
+  double duration_s = 0;
   std::array<double, kMaxTargetValues> values{};  // for a motion: its rise; 3 values (position) for a pose
   // For a motion only
   std::array<double, kMaxTargetValues> sine{};
   double period_s = 0, cycles = 1, ramp_s = 0;
   std::uint8_t harmonic_count = 0;
-  std::array<HarmonicPart, kMaxHarmonics>
-      harmonics{};  // [0] at twice the frequency, [1] at three times the frequency, ...
+  // [0] at twice the frequency, [1] at three times, ...
+  std::array<HarmonicPart, kMaxHarmonics> harmonics{};
+
+  // Sets size and values; for more numbers than any input takes only the size, which check() refuses.
+  void set(std::span<const double> numbers);
+  // From the frame of a base to the world: poses are transformed, twists and wrenches rotated.
+  void to_world(Quantity quantity, const Pose& X_WB);
 };
 
 // Samples of a stream that are not due yet, with the times of the loop at which the set-point shall be there:

@@ -21,7 +21,7 @@ SetupStep lock_memory() {
 SetupStep set_fifo(int priority) {
   sched_param parameters{};
   parameters.sched_priority = priority;
-  // Threads that this one starts are ordinary ones: they would compete with it.
+  // Threads started by this one are ordinary: they would compete with it.
   const int error = sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters) == 0 ? 0 : errno;
   const std::string what = "SCHED_FIFO " + std::to_string(priority);
   if (error == 0) return {what, true, {}};

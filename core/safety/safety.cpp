@@ -2,19 +2,20 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace multipanda {
 namespace {
 
-// Slower motion does not count as outwards: noise at rest at a limit must not trigger an intervention.
+// Slower motion is not outward motion: noise at rest at a limit must not trigger an intervention.
 constexpr double kOutwardSpeed = 0.01;  // [rad/s], [m/s]
-// Nor may slower motion creep: this far beyond a limit, any motion but the way back is an intervention.
+// Slow creep is also prevented: this far beyond a limit, any motion except the return is an intervention.
 constexpr double kJointMargin = 0.02;       // [rad]
 constexpr double kSlidingMargin = 0.005;    // of a prismatic joint [m]
 constexpr double kWorkspaceMargin = 0.005;  // [m]
 
 // Whether a value that is `beyond` its limit, moving away from it at `outwards`, has to stop. `known`: how
-// far beyond it was when the arm was last held.
+// far beyond it may be.
 bool leaves(double beyond, double outwards, double known, double margin) {
   if (!(beyond > 0)) return false;
   return outwards > kOutwardSpeed || (beyond > known + margin && outwards >= 0);
@@ -43,27 +44,51 @@ SafetyStage::SafetyStage(std::vector<SafetyLimits> limits) : arms_(limits.size()
                                      .tau_rate_max = joints.tau_rate_max,
                                      .period_s = limits[i].period_s,
                                      .low_pass_hz = limits[i].low_pass_hz});
-    arms_[i].joints_beyond = JointVector::Zero(limits[i].joints.q_max.size());
     arms_[i].limits = std::move(limits[i]);
   }
 }
 
-void SafetyStage::track_limits(std::size_t arm, const ArmState& state, ModelTerms& terms, bool held) {
+std::array<SafetyStage::Point, SafetyStage::kPoints> SafetyStage::points(ModelTerms& terms) {
+  const Vector3& p = terms.X_WE().position;
+  const Twist& V = terms.V_WE();
+  const auto at = [&](const Vector3& from_hand) {
+    return Point{p + from_hand, V.linear() + V.angular().cross(from_hand)};
+  };
+  const auto [flange, tool] = terms.points_from_hand();
+  return {at(Vector3::Zero()), at(flange), at(tool)};
+}
+
+void SafetyStage::track_limits(std::size_t arm, const ArmState& state, ModelTerms& terms, bool held,
+                               bool began) {
   Arm& a = arms_[arm];
-  const auto follow = [held](double& known, double beyond) {
+  const bool starts = a.held && !held;
+  a.held = held;
+  const auto track = [&](Beyond& limit, double beyond) {
     beyond = std::max(0.0, beyond);  // zero for a value that is not a number
-    known = held ? beyond : std::min(known, beyond);
+    if (beyond == 0 || began) limit.most = std::numeric_limits<double>::infinity();
+    if (std::exchange(limit.released, false)) limit.most = std::min(limit.most, beyond);
+    limit.follows = beyond == 0 || began || (limit.follows && !starts);
+    limit.known = held && limit.follows ? std::min(beyond, limit.most) : std::min(limit.known, beyond);
   };
   const ArmLimits& joints = a.limits.joints;
   for (Eigen::Index i = 0; i < state.q.size(); ++i) {
-    follow(a.joints_beyond[i], std::max(state.q[i] - joints.q_max[i], joints.q_min[i] - state.q[i]));
+    track(a.joints[static_cast<std::size_t>(i)],
+          std::max(state.q[i] - joints.q_max[i], joints.q_min[i] - state.q[i]));
   }
   if (!a.limits.workspace) return;
-  const Vector3& p = terms.X_WE().position;
-  for (Eigen::Index k = 0; k < 3; ++k) {
-    follow(a.workspace_beyond[k],
-           std::max(p[k] - a.limits.workspace->max[k], a.limits.workspace->min[k] - p[k]));
+  const auto all = points(terms);
+  for (std::size_t n = 0; n < kPoints; ++n) {
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      track(a.space[n][static_cast<std::size_t>(k)],
+            std::max(all[n].p[k] - a.limits.workspace->max[k], a.limits.workspace->min[k] - all[n].p[k]));
+    }
   }
+}
+
+void SafetyStage::release_limits(std::size_t arm) {
+  const auto release = [](Beyond& limit) { limit.released = !std::exchange(limit.follows, true); };
+  std::ranges::for_each(arms_[arm].joints, release);
+  for (auto& point : arms_[arm].space) std::ranges::for_each(point, release);
 }
 
 Finding SafetyStage::inspect(std::size_t arm, const ArmCondition& condition, const ArmState& state,
@@ -81,7 +106,7 @@ Finding SafetyStage::inspect(std::size_t arm, const ArmCondition& condition, con
     const double q = state.q[i], dq = state.dq[i];
     const double fastest = largest_speed(limits.joints, i, q, dq);
     if (std::abs(dq) > fastest) return at_joint(Intervention::joint_velocity_limit, i, dq, fastest);
-    const double known = arms_[arm].joints_beyond[i];
+    const double known = arms_[arm].joints[static_cast<std::size_t>(i)].known;
     const double margin =
         terms.model().is_prismatic(static_cast<std::size_t>(i)) ? kSlidingMargin : kJointMargin;
     if (leaves(q - limits.joints.q_max[i], dq, known, margin)) {
@@ -91,17 +116,17 @@ Finding SafetyStage::inspect(std::size_t arm, const ArmCondition& condition, con
       return at_joint(Intervention::joint_position_limit, i, q, limits.joints.q_min[i]);
     }
   }
-  if (limits.workspace) {
-    const Vector3& p = terms.X_WE().position;
-    const Twist& V = terms.V_WE();
+  if (!limits.workspace) return {};
+  const auto all = points(terms);
+  for (std::size_t n = 0; n < kPoints; ++n) {
+    const auto& [p, v] = all[n];
     for (Eigen::Index k = 0; k < 3; ++k) {
-      const double known = arms_[arm].workspace_beyond[k];
-      if (leaves(p[k] - limits.workspace->max[k], V.linear()[k], known, kWorkspaceMargin) ||
-          leaves(limits.workspace->min[k] - p[k], -V.linear()[k], known, kWorkspaceMargin)) {
-        const double bound =
-            p[k] > limits.workspace->max[k] ? limits.workspace->max[k] : limits.workspace->min[k];
-        return {Intervention::workspace_limit, 0xFFFF, p[k], bound};
-      }
+      const double known = arms_[arm].space[n][static_cast<std::size_t>(k)].known;
+      const double low = limits.workspace->min[k], high = limits.workspace->max[k];
+      if (leaves(p[k] - high, v[k], known, kWorkspaceMargin))
+        return {Intervention::workspace_limit, 0xFFFF, p[k], high};
+      if (leaves(low - p[k], -v[k], known, kWorkspaceMargin))
+        return {Intervention::workspace_limit, 0xFFFF, p[k], low};
     }
   }
   return {};

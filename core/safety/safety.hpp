@@ -4,11 +4,11 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <vector>
 
 #include "core/model/model_terms.hpp"
-#include "core/safety/finding.hpp"
 #include "core/safety/torque_limiter.hpp"
 #include "core/state/arm_condition.hpp"
 #include "core/types/codes.hpp"
@@ -16,7 +16,7 @@
 
 namespace multipanda {
 
-// An axis-aligned box in the world that the end effector must not leave [m].
+// An axis-aligned box in the world that end effector, flange and the end of the tool must not leave [m].
 struct WorkspaceBox {
   Vector3 min, max;
 };
@@ -52,12 +52,16 @@ class SafetyStage {
   const SafetyLimits& limits(std::size_t arm) const { return arms_[arm].limits; }
 
   // Once per cycle, before inspect(): how far the arm is beyond its position limits and its workspace.
-  // `held`: its hold owns it, so that the next owner may start there. Any other owner can only reduce it.
-  void track_limits(std::size_t arm, const ArmState& state, ModelTerms& terms, bool held);
+  // `held`: its hold owns it. Where a hold stops an arm that its owner took out, the next owner may start;
+  // that one, and all after it, can only reduce how far it is out, until it is inside again, so that none
+  // creeps out by many starts. `began`: the arm takes commands again; somebody else may have moved it since.
+  void track_limits(std::size_t arm, const ArmState& state, ModelTerms& terms, bool held, bool began = false);
+  // Somebody stopped the arm, looked at it and resumed it: the next owner may start where its hold is, but no
+  // farther out than the first of these found it, until it is inside again or was led by hand.
+  void release_limits(std::size_t arm);
   // Checks whether the arm's owner may continue from this measurement. Beyond a position limit or out of the
-  // workspace, outward motion is a finding from 0.01 rad/s (m/s) on; farther out than 0.02 rad (5 mm), or
-  // than where the arm was last held, everything but motion back is. So an arm can be moved back from
-  // anywhere, and none can creep out. `alone`: the owner has no other arm.
+  // workspace, outward motion is a finding from 0.01 rad/s (m/s) on; 0.02 rad (5 mm) farther out than
+  // track_limits() knows it, everything but motion back is. `alone`: the owner has no other arm.
   Finding inspect(std::size_t arm, const ArmCondition& condition, const ArmState& state, ModelTerms& terms,
                   bool alone = false) const;
 
@@ -78,7 +82,7 @@ class SafetyStage {
   // first rule that acted.
   const JointVector& limit(std::size_t arm, const JointVector& requested, double dt, Finding& cut);
 
-  // The last command; at the start, and when the arm takes commands again, the torque that the arm applies.
+  // The last command; at the start, and when the arm accepts commands again, the torque that it applies.
   const JointVector& last_command(std::size_t arm) const { return arms_[arm].torque.sent(); }
   void set_last_command(std::size_t arm, const JointVector& tau) { arms_[arm].torque.restart(tau); }
 
@@ -89,14 +93,27 @@ class SafetyStage {
   std::uint64_t counted(std::size_t arm, Intervention rule) const {
     return arms_[arm].counts[static_cast<std::size_t>(rule)].load(std::memory_order_relaxed);
   }
-  std::uint64_t counted(std::size_t arm) const;  // all rules
+  std::uint64_t counted(std::size_t arm) const;  // over all rules
 
  private:
+  struct Beyond {                                           // a limit
+    double known = 0;                                       // >= 0
+    double most = std::numeric_limits<double>::infinity();  // of `known`, from the first release on
+    bool follows = true;                                    // the next hold
+    bool released = false;                                  // since the last cycle
+  };
+  static constexpr std::size_t kPoints = 3;  // end effector, flange, end of the tool
+  struct Point {
+    Vector3 p, v;  // world [m], [m/s]
+  };
+  static std::array<Point, kPoints> points(ModelTerms& terms);
+
   struct Arm {
     SafetyLimits limits;
     TorqueLimiter torque;
-    JointVector joints_beyond;                   // beyond the position limits, >= 0 [rad] (n x 1)
-    Vector3 workspace_beyond = Vector3::Zero();  // beyond the workspace, along each axis, >= 0 [m]
+    std::array<Beyond, kMaxJoints> joints;             // position limits [rad]
+    std::array<std::array<Beyond, 3>, kPoints> space;  // workspace, along each axis [m]
+    bool held = false;                                 // in the last cycle
     std::array<std::atomic<std::uint64_t>, static_cast<std::size_t>(Intervention::count_)> counts{};
   };
   std::vector<Arm> arms_;

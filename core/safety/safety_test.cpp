@@ -218,6 +218,79 @@ TEST(Inspect, NoHandCreepsOutOfTheWorkspace) {
   }
 }
 
+// Slower than what counts as outwards, with a hold after each try: by the margin in all, not by each.
+TEST(Inspect, NoJointCreepsOutByManyStarts) {
+  constexpr double kLimit = 2.8, kMargin = 0.02, kFirst = 0.004;
+  for (const double side : {1.0, -1.0}) {
+    Rig rig;
+    SafetyStage stage({rig.limits});
+    double beyond = kFirst;
+    const auto verdict = [&](double outwards, bool held) {
+      rig.state.q[4] = side * (kLimit + beyond);
+      rig.state.dq[4] = side * outwards;
+      rig.terms.update(rig.state);
+      stage.track_limits(0, rig.state, rig.terms, held);
+      return stage.inspect(0, rig.condition(), rig.state, rig.terms).rule;
+    };
+    beyond = -0.1;
+    verdict(0, false);
+    beyond = kFirst;
+    EXPECT_EQ(verdict(0.05, false), Intervention::joint_position_limit);  // it is held there
+    for (int start = 0; start < 100; ++start) {
+      (void)verdict(0, true);
+      if (verdict(0, false) != Intervention::none) break;
+      beyond += 0.0006;
+    }
+    EXPECT_NEAR(beyond, kFirst + kMargin, 0.0006 + 1e-9);
+    (void)verdict(0, true);
+    EXPECT_EQ(verdict(-0.001, false), Intervention::none);    // the way back
+    stage.track_limits(0, rig.state, rig.terms, true, true);  // somebody else has moved it
+    EXPECT_EQ(verdict(0, false), Intervention::none);
+  }
+}
+
+// A box that only one of them leaves: the finding is its coordinate.
+TEST(Inspect, FlangeAndToolMustNotLeaveTheWorkspaceEither) {
+  ArmModelSource source = test::TestArm::make().source({rotation_from_rpy({0.3, 0.2, 1}), {1, 2, 3}});
+  source.tool_end = Vector3(0.2, -0.1, 0.3);
+  const auto model = std::make_shared<const ArmModel>(source);
+  const Pose X_FE{rotation_from_rpy({0.1, 0.2, 0.3}), {-0.15, 0.25, -0.2}};
+  Rig rig;
+  ModelTerms terms(model);
+  rig.state.frames.X_FE = X_FE;
+  rig.state.config_version = 1;
+  rig.state.dq = joint_constant(7, 0.2);
+  const auto places = [&](double after_s) {
+    ModelTerms at(model);
+    at.update(rig.state.q + after_s * rig.state.dq, rig.state.dq);
+    const Pose X = at.X_WF();
+    return std::array<Vector3, 3>{X * X_FE.position, X.position, X * source.tool_end};
+  };
+  const auto now = places(0), next = places(1e-6);
+  int findings = 0;
+  for (std::size_t n = 0; n < 3; ++n) {
+    for (Eigen::Index k = 0; k < 3; ++k) {
+      const double speed = (next[n][k] - now[n][k]) / 1e-6;
+      if (std::abs(speed) < 0.02) continue;
+      const double side = speed > 0 ? 1 : -1;
+      bool outermost = true;
+      for (const Vector3& other : now) outermost = outermost && side * (now[n][k] - other[k]) >= 0;
+      if (!outermost) continue;
+      WorkspaceBox box{now[n] - Vector3(9, 9, 9), now[n] + Vector3(9, 9, 9)};
+      double& bound = (side > 0 ? box.max : box.min)[k];
+      bound = now[n][k] - side * 1e-4;
+      rig.limits.workspace = box;
+      terms.update(rig.state);
+      const Finding found = SafetyStage({rig.limits}).inspect(0, rig.condition(), rig.state, terms);
+      EXPECT_EQ(found.rule, Intervention::workspace_limit) << n << k;
+      EXPECT_NEAR(found.value, now[n][k], 1e-12);
+      EXPECT_EQ(found.limit, bound);
+      ++findings;
+    }
+  }
+  EXPECT_GE(findings, 3);
+}
+
 // As a joint: where the hand was held, and a margin more, the next owner may keep it. Arms on shifted bases
 // have the hand in that place without any other difference.
 TEST(Inspect, AHandHeldOutsideTheWorkspaceMayStayThereButNotGoFurther) {

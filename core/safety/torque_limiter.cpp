@@ -42,7 +42,8 @@ void TorqueLimiter::begin(const JointVector& shown) {
 
 void TorqueLimiter::observe(const JointVector& in_use) {
   for (Eigen::Index i = 0; i < sent_.size(); ++i) {
-    // What was sent is within the limit. A number beyond it is not in use: a step from there would be, too.
+    // The torque sent is within the limit. A number beyond it is not in use: a step from there would exceed
+    // it, too.
     const bool known = i < in_use.size() && std::abs(in_use[i]) <= limits_.tau_max[i];
     in_use_[i] = known && !explained_by_rounding(in_use[i], sent_[i]) ? in_use[i] : sent_[i];
   }
@@ -57,7 +58,7 @@ const JointVector& TorqueLimiter::limit(const JointVector& requested, double dt,
     const double w = i < requested.size() && std::isfinite(requested[i]) ? requested[i] : 0.0;
     const double within = std::clamp(w, -bound, bound);
     const double goal = gain_ < 1 ? in_use + gain_ * (within - in_use) : within;
-    // Where the two differ, a whole period's step counts: the arm compares its periods, not our steps.
+    // If the two differ, a whole period's step applies: the arm compares its periods, not our steps.
     const double step = rate * (sent == in_use ? step_time : limits_.period_s);
     double low = std::max(sent, in_use) - step, high = std::min(sent, in_use) + step;
     if (low > high) {

@@ -1,10 +1,20 @@
 #pragma once
 
-#include "core/safety/finding.hpp"
+#include <cstdint>
+
+#include "core/types/codes.hpp"
 #include "core/types/joints.hpp"
 #include "core/types/time.hpp"
 
 namespace multipanda {
+
+// Result of a check: nothing (`none`), or the rule, the joint, and the values.
+struct Finding {
+  Intervention rule = Intervention::none;
+  std::uint16_t joint = 0xFFFF;  // 0xFFFF: not specific to a joint
+  double value = 0, limit = 0;
+  explicit operator bool() const { return rule != Intervention::none; }
+};
 
 // The last stage of an arm's torque: its limits, and the limit of its rate.
 //

@@ -8,11 +8,11 @@ namespace multipanda {
 // read: the only source for whether an arm takes commands, whether it has just come back, how old its state
 // is and which torque it has in use.
 struct ArmCondition {
-  bool usable = false;  // it takes torque commands, by its last state
-  bool returned =
-      false;         // as of this state: it took none before, or its states were interrupted for too long
-  double age_s = 0;  // of its last state
-  double gap_s = 0;  // fresh: between its last two states; otherwise, or if it is the first: 0
+  bool usable = false;        // it takes torque commands, by its last state
+  bool began = false;         // as of this state: it took none before
+  bool returned = false;      // it began, or its states were interrupted for too long
+  double age_s = 0;           // of its last state
+  double gap_s = 0;           // fresh: between its last two states; otherwise, or if it is the first: 0
   JointVector torque_in_use;  // at its last state [N m] (n x 1)
 
   // `dt`: since the last cycle. `longest_gap_s`: after a longer gap, the arm counts as one that returns.
@@ -22,7 +22,8 @@ struct ArmCondition {
     gap_s = state.fresh && seen_ ? age_s + dt : 0.0;
     age_s = state.fresh ? 0.0 : age_s + dt;
     seen_ = seen_ || state.fresh;
-    returned = usable && (!was_usable || gap_s > longest_gap_s);
+    began = usable && !was_usable;
+    returned = began || (usable && gap_s > longest_gap_s);
     if (state.fresh) torque_in_use = state.tau_J_d;
   }
 

@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/hybrid_force.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
 #include "core/testing/plain_arm.hpp"

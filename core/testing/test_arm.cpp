@@ -27,7 +27,8 @@ std::string origin(const Pose& X) {
 
 // Inertia of three unequal masses, rotated: physically consistent by construction.
 Matrix3 some_inertia(Draw& draw, double mass, double size) {
-  const Vector3 box(draw.uniform(0.3, 1) * size, draw.uniform(0.3, 1) * size, draw.uniform(0.3, 1) * size);
+  Vector3 box;
+  for (int i = 2; i >= 0; --i) box[i] = draw.uniform(0.3, 1) * size;
   const Vector3 squares = box.cwiseProduct(box);
   const Vector3 principal(squares.y() + squares.z(), squares.x() + squares.z(), squares.x() + squares.y());
   const Matrix3 R = draw.rotation();
@@ -37,7 +38,8 @@ Matrix3 some_inertia(Draw& draw, double mass, double size) {
 }  // namespace
 
 Matrix3 Draw::rotation() {
-  const Quaternion q(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1), uniform(-1, 1));
+  Quaternion q;
+  for (double* value : {&q.z(), &q.y(), &q.x(), &q.w()}) *value = uniform(-1, 1);
   return q.norm() < 0.1 ? rotation() : q.normalized().toRotationMatrix();
 }
 
@@ -57,10 +59,13 @@ TestArm TestArm::make(std::size_t joints, std::uint32_t seed) {
   for (std::size_t i = 0; i < joints; ++i) {
     TestLink link;
     // Neighboring axes are nearly perpendicular, with small random deviations.
-    const Vector3 rpy((i % 2 == 0 ? -kQuarter : kQuarter) + draw.uniform(-0.2, 0.2), draw.uniform(-0.2, 0.2),
-                      draw.uniform(-0.2, 0.2));
-    link.X_PJ = {rotation_from_rpy(rpy),
-                 Vector3(draw.uniform(-0.08, 0.08), draw.uniform(0.1, 0.25), draw.uniform(0, 0.1))};
+    Vector3 rpy, place;
+    for (int k = 2; k >= 0; --k) rpy[k] = draw.uniform(-0.2, 0.2);
+    rpy[0] += i % 2 == 0 ? -kQuarter : kQuarter;
+    place.z() = draw.uniform(0, 0.1);
+    place.y() = draw.uniform(0.1, 0.25);
+    place.x() = draw.uniform(-0.08, 0.08);
+    link.X_PJ = {rotation_from_rpy(rpy), place};
     if (i == 0) link.X_PJ = {Matrix3::Identity(), Vector3(0, 0, 0.3)};
     link.axis = i == 3 ? Vector3(0.6, 0, 0.8) : Vector3(0, 0, i == 2 ? -1.0 : 1.0);
     link.mass = 4.0 - 3.0 * static_cast<double>(i) / static_cast<double>(joints);
@@ -126,8 +131,10 @@ void add_collision_shapes(ArmModelSource& source, std::size_t joints, std::uint3
         case 1:
           part.shape = ConvexShape::box({r, 2 * r, 3 * r}, 0.01);
           break;
-        default:
-          part.shape = ConvexShape::capsule(draw.vector3(0.1), draw.vector3(0.1), r);
+        default: {
+          const Vector3 to = draw.vector3(0.1);
+          part.shape = ConvexShape::capsule(draw.vector3(0.1), to, r);
+        }
       }
       source.collision_shapes.push_back(part);
     }

@@ -35,7 +35,7 @@ struct TestArm {
 // not neighbors are checked against each other.
 void add_collision_shapes(ArmModelSource& source, std::size_t joints, std::uint32_t seed);
 
-// Seeded draws.
+// Seeded draws. Compilers order a call's arguments differently: draw in braces, or one by one.
 class Draw {
  public:
   explicit Draw(std::uint32_t seed) : engine_(seed) {}

@@ -3,9 +3,8 @@
 #include <limits>
 #include <stdexcept>
 
-#include "core/controllets/gravity_compensation.hpp"
-#include "core/controllets/hold.hpp"
-#include "core/features/joint_limits.hpp"
+#include "core/controllets/builtins.hpp"
+#include "core/features/builtins.hpp"
 
 namespace multipanda::test {
 namespace {
@@ -91,6 +90,7 @@ class Push final : public Feature {
   LawResult start(ControlContext&) override { return LawResult::ok; }
   LawResult update(ControlContext& context) override {
     const double push = context.parameters->number(0);
+    if (push < -98) throw std::runtime_error("thrown by a test");
     for (auto& arm : context.arms) {
       arm.tau->array() += push > 98 ? std::numeric_limits<double>::quiet_NaN() : push;
     }

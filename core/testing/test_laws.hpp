@@ -13,7 +13,7 @@ namespace multipanda::test {
 //   6 resizes the torque vector.
 // - refuser: 1 arm; start() refuses.
 // - thrower: 1 arm; start() throws.
-// Its feature "push" adds its parameter "torque_nm" to every joint; 99 adds NaN.
+// Its feature "push" adds its parameter "torque_nm" to every joint; 99 adds NaN, -99 throws.
 Registry test_registry();
 
 }  // namespace multipanda::test

@@ -6,7 +6,7 @@
 
 namespace multipanda::test {
 
-TestWorld::TestWorld(const std::vector<std::shared_ptr<const ArmModel>>& models) {
+TestWorld::TestWorld(const std::vector<std::shared_ptr<const ArmModel>>& models, bool feels) : feels_(feels) {
   for (const auto& model : models) {
     const JointVector zero = joint_constant(model->joint_count(), 0);
     arms_.push_back({ModelTerms(model), model->q_home(), zero, zero});
@@ -84,6 +84,10 @@ TestLoop::TestLoop(std::size_t arms, std::vector<InstanceConfig> controllets, co
     : models(test_models(arms)),
       world(models),
       cycle(test_config(models, std::move(controllets), record_capacity), registry, world) {}
+
+TestLoop::TestLoop(std::vector<std::shared_ptr<const ArmModel>> arms, CycleConfig config,
+                   const Registry& registry, bool feels)
+    : models(std::move(arms)), world(models, feels), cycle(std::move(config), registry, world) {}
 
 InstanceSet TestLoop::set(std::initializer_list<std::string_view> names) {
   InstanceSet set = 0;

@@ -17,7 +17,8 @@ namespace multipanda::test {
 // the injected functions do.
 class TestWorld final : public Backend {
  public:
-  explicit TestWorld(const std::vector<std::shared_ptr<const ArmModel>>& models);
+  // `feels`: the estimated force is what `tamper` says, instead of the loop's own estimate.
+  explicit TestWorld(const std::vector<std::shared_ptr<const ArmModel>>& models, bool feels = false);
 
   // Called for every arm that is due, before the loop reads its state.
   std::function<void(ArmIndex, std::uint64_t step, ArmState&)> tamper;
@@ -34,7 +35,9 @@ class TestWorld final : public Backend {
   std::uint64_t steps() const { return step_; }
 
   std::size_t arm_count() const override { return arms_.size(); }
-  Capabilities capabilities(ArmIndex) const override { return {.simulated = true, .lockstep = true}; }
+  Capabilities capabilities(ArmIndex) const override {
+    return {.simulated = true, .lockstep = true, .has_external_torque = feels_};
+  }
   ArmSet wait() override;
   LoopTime now() const override { return now_; }
   void read(ArmSet due, std::span<ArmState> states) override;
@@ -49,6 +52,7 @@ class TestWorld final : public Backend {
     std::uint64_t sequence = 0;
   };
   std::vector<Arm> arms_;
+  bool feels_;
   std::uint64_t step_ = 0;
   LoopTime now_;
 };
@@ -62,6 +66,8 @@ CycleConfig test_config(const std::vector<std::shared_ptr<const ArmModel>>& mode
 struct TestLoop {
   TestLoop(std::size_t arms, std::vector<InstanceConfig> controllets, const Registry& registry,
            std::size_t record_capacity = 0);
+  TestLoop(std::vector<std::shared_ptr<const ArmModel>> arms, CycleConfig config, const Registry& registry,
+           bool feels = false);
 
   void step() { cycle.step(world.wait()); }
   void steps(std::size_t count) {

@@ -3,7 +3,7 @@
 #include <deque>
 #include <vector>
 
-#include "core/controllets/ufic.hpp"
+#include "core/controllets/builtins.hpp"
 #include "core/testing/hybrid_force_bench.hpp"
 
 // One arm under `ufic` with forces and moments along axes, for its tests.

@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <string>
 
-#include "core/types/rotation_rate.hpp"
+#include "core/types/spatial.hpp"
 
 namespace multipanda {
 namespace {

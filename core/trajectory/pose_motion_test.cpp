@@ -14,7 +14,8 @@ using Random = std::mt19937_64;
 Vector3 in_ball(Random& random, double radius) {
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> share(0, 1);
-  const Vector3 v(normal(random), normal(random), normal(random));
+  Vector3 v;
+  for (int i = 2; i >= 0; --i) v[i] = normal(random);
   return radius * std::cbrt(share(random)) * v.normalized();
 }
 

@@ -20,7 +20,7 @@ enum class Intervention : std::uint8_t {
   state_old,             // no recent packet of an arm of the group: group is held
   joint_position_limit,  // beyond a joint limit and moving outwards: arm is held
   joint_velocity_limit,  // a joint exceeded its velocity limit: arm is held
-  workspace_limit,       // the end effector left its box, moving outwards: arm is held
+  workspace_limit,       // hand, flange or tool left the box, moving outwards: arm is held
   arm_not_ready,         // the arm left its control mode (reflex, user stop, ...): arm is held
   torque_clamped,        // the torque limit clamped the command
   torque_rate_clamped,   // the torque-rate limit clamped the command

@@ -32,6 +32,16 @@ Matrix3 left_jacobian(const Vector3& r) {
   return Matrix3::Identity() + a * S + b * S * S;
 }
 
+Pose with_proper_rotation(const Pose& X) {
+  // Newton's iteration for the orthogonal factor of the polar decomposition; quadratic, from 1e-4.
+  Pose nearest = X;
+  for (int k = 0; k < 3; ++k) {
+    const Matrix3 excess = nearest.rotation.transpose() * nearest.rotation;
+    nearest.rotation = nearest.rotation * (1.5 * Matrix3::Identity() - 0.5 * excess);
+  }
+  return Pose::from(nearest.position, nearest.quaternion());
+}
+
 Vector6 pose_error(const Pose& X_W_d, const Pose& X_W) {
   Vector6 e;
   e.head<3>() = X_W_d.position - X_W.position;
@@ -43,6 +53,25 @@ Matrix3 rotation_from_rpy(const Vector3& rpy) {
   return (Eigen::AngleAxisd(rpy.z(), Vector3::UnitZ()) * Eigen::AngleAxisd(rpy.y(), Vector3::UnitY()) *
           Eigen::AngleAxisd(rpy.x(), Vector3::UnitX()))
       .toRotationMatrix();
+}
+
+Vector3 rpy_of(const Matrix3& R) {
+  const double cos_pitch = std::hypot(R(0, 0), R(1, 0));
+  const double pitch = std::atan2(-R(2, 0), cos_pitch);
+  if (cos_pitch < 1e-9) return {std::atan2(-R(1, 2), R(1, 1)), pitch, 0.0};
+  return {std::atan2(R(2, 1), R(2, 2)), pitch, std::atan2(R(1, 0), R(0, 0))};
+}
+
+std::array<double, 16> column_major(const Pose& X) {
+  std::array<double, 16> values{};
+  Eigen::Map<Eigen::Matrix4d> T(values.data());
+  T << X.rotation, X.position, 0, 0, 0, 1;
+  return values;
+}
+
+Pose pose_of(const std::array<double, 16>& column_major) {
+  const Eigen::Map<const Eigen::Matrix4d> T(column_major.data());
+  return {T.topLeftCorner<3, 3>(), T.topRightCorner<3, 1>()};
 }
 
 }  // namespace multipanda

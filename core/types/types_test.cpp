@@ -7,6 +7,7 @@
 #include "core/testing/test_arm.hpp"
 #include "core/types/arm_set.hpp"
 #include "core/types/codes.hpp"
+#include "core/types/joint_range.hpp"
 #include "core/types/spatial.hpp"
 #include "core/types/time.hpp"
 
@@ -24,6 +25,40 @@ TEST(Rotation, ExponentialAgreesWithAngleAxis) {
     EXPECT_LT((exp_rotation(angle * axis) - expected).norm(), 1e-14);
   }
   EXPECT_EQ(exp_rotation(Vector3::Zero()), Matrix3::Identity());
+}
+
+// Of what was rounded to four digits remains the rotation that was meant, to the digits; singular values say
+// how far it is from one.
+TEST(Rotation, TheNearestOfARoundedOneIsOrthonormal) {
+  test::Draw draw(4);
+  for (int i = 0; i < 200; ++i) {
+    const Matrix3 R = draw.rotation();
+    const Matrix3 rounded = (1e4 * R).array().round() / 1e4;
+    const Pose X = with_proper_rotation({rounded, Vector3(1, 2, 3)});
+    EXPECT_LT((X.rotation.transpose() * X.rotation - Matrix3::Identity()).norm(), 1e-14);
+    EXPECT_LT((X.rotation - R).norm(), 2e-4);
+    const Eigen::JacobiSVD<Matrix3> svd(rounded, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    EXPECT_LT((X.rotation - svd.matrixU() * svd.matrixV().transpose()).norm(), 1e-12);
+    EXPECT_EQ(X.position, Vector3(1, 2, 3));
+  }
+  EXPECT_EQ(with_proper_rotation({}).rotation, Matrix3::Identity());
+}
+
+TEST(JointRange, NamesTheFirstJointThatIsOutsideWithItsUnit) {
+  const JointRange range{
+      .min = Eigen::Vector3d(0, -1, -1), .max = Eigen::Vector3d(0.4, 1.2, 1), .prismatic = 1};
+  const auto refusal = [&](double a, double b, double c) { return range.refusal(std::array{a, b, c}); };
+  EXPECT_EQ(refusal(0, 1.2, -1), "");
+  EXPECT_EQ(refusal(0.4 + 0.9e-6, -1 - 0.9e-6, 0), "") << "rounded on their way";
+  EXPECT_EQ(refusal(0.4 + 1.1e-6, 0, 0), "joint1: 0.400001 m is outside of 0 to 0.4 m");
+  EXPECT_EQ(refusal(-3, 0, 0), "joint1: -3 m is outside of 0 to 0.4 m");
+  EXPECT_EQ(refusal(300, 5, 0), "joint1: 300 m is outside of 0 to 0.4 m (this looks like millimeters)");
+  EXPECT_EQ(refusal(0, 5, 9), "joint2: 5 rad is outside of -1 to 1.2 rad");
+  EXPECT_EQ(refusal(0, 60, 0), "joint2: 60 rad is outside of -1 to 1.2 rad (this looks like degrees)");
+  EXPECT_EQ(refusal(0, 200, 0), "joint2: 200 rad is outside of -1 to 1.2 rad") << "nor in degrees";
+  EXPECT_EQ(refusal(0, 0, std::nan("")), "joint3: nan rad is outside of -1 to 1 rad");
+  EXPECT_EQ(range.first_outside(std::array{0.1, 0.2, -2.0}), 2u);
+  EXPECT_EQ(range.first_outside(std::array{0.1, 0.2, 0.3}), 3u);
 }
 
 TEST(Rotation, LogarithmInvertsTheExponential) {
@@ -67,6 +102,34 @@ TEST(Rotation, RollPitchYawIsUrdfs) {
   const Matrix3 R = rotation_from_rpy({0.1, 0.2, 0.3});
   const Matrix3 expected = exp_rotation({0, 0, 0.3}) * exp_rotation({0, 0.2, 0}) * exp_rotation({0.1, 0, 0});
   EXPECT_LT((R - expected).norm(), 1e-15);
+}
+
+TEST(Rotation, RollPitchYawComeBack) {
+  test::Draw draw(14);
+  for (int k = 0; k < 200; ++k) {
+    const Vector3 rpy(draw.uniform(-3, 3), k % 10 == 0 ? kPi / 2 : draw.uniform(-1.5, 1.5),
+                      draw.uniform(-3, 3));
+    const Matrix3 R = rotation_from_rpy(rpy);
+    EXPECT_LT((rotation_from_rpy(rpy_of(R)) - R).norm(), 1e-14) << rpy.transpose();
+    if (k % 10 != 0) {
+      EXPECT_LT((rpy_of(R) - rpy).norm(), 1e-12);
+    }
+  }
+}
+
+TEST(Pose, AsNumbers) {
+  test::Draw draw(15);
+  const Pose X = draw.pose(1);
+  const std::array<double, 16> T = column_major(X);
+  for (std::size_t row = 0; row < 4; ++row) {
+    for (std::size_t column = 0; column < 4; ++column) {
+      const auto r = static_cast<Eigen::Index>(row), c = static_cast<Eigen::Index>(column);
+      const double expected = row == 3 ? column == 3 : column == 3 ? X.position[r] : X.rotation(r, c);
+      EXPECT_EQ(T[row + 4 * column], expected);
+    }
+  }
+  EXPECT_EQ(pose_of(T).rotation, X.rotation);
+  EXPECT_EQ(pose_of(T).position, X.position);
 }
 
 TEST(Pose, ProductInverseAndError) {

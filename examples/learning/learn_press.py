@@ -19,7 +19,7 @@ import numpy as np
 from multipanda.tasks import PressCircle
 
 NAMES = PressCircle().observation_names
-FORCE, DESIRED = NAMES.index("arm_fz [10 N]"), NAMES.index("desired force [10 N], 0 while it is to hover")
+FORCE, DESIRED = NAMES.index("arm_fz [10 N]"), NAMES.index("desired force [10 N], 0 for hovering")
 STEP_M = 0.1  # what an action of 1 moves
 SOFT, STIFF = 100, 3000  # N/m, actions of -1 and 1
 

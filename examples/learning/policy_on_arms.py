@@ -2,7 +2,7 @@
 """From the environment to arms: a policy presses through the Python client on a strict virtual arm at 20 Hz.
 
 A virtual arm is a process of its own that speaks the arm's network protocol and refuses what a real arm refuses. For a
-real arm read docs/learning_to_arm.md first, then give its address: --address 172.16.0.2
+real arm read docs/learning.md first, then give its address: --address 172.16.0.2
 
 PYTHONPATH=python .venv/bin/python examples/learning/policy_on_arms.py
 PYTHONPATH=python .venv/bin/python examples/learning/policy_on_arms.py --policy learn_press/results.json
@@ -50,7 +50,7 @@ def main():
         run = opened.enter_context(mp.run(scene, backend="fci", address={"arm": address}, arguments=speed))
         done = drive(run, task, policy, Start(numbers=numbers), action=action, seconds=options.seconds)
         seen = Observed(task, done.observations)
-        pressing = seen["desired force [10 N], 0 while it is to hover"] > 0
+        pressing = seen["desired force [10 N], 0 for hovering"] > 0
         settled = pressing & (done.t_s > 1.3)
         force = -10 * seen["arm_fz [10 N]"]
         print(f"actions: {len(done.t_s)}, the latest {1e3 * done.latest_s:.1f} ms late")

@@ -4,7 +4,7 @@
 
 #include "core/cycle/backend.hpp"
 #include "core/model/model_terms.hpp"
-#include "core/modes/backend_type.hpp"
+#include "core/modes/registry.hpp"
 #include "core/rt/pacer.hpp"
 
 // Rigid arms without friction, delay or contact: M(q) ddq + C(q, dq) dq = tau. Gravity is compensated, as on

@@ -75,23 +75,22 @@ TEST(OwnFeature, DampsJointsAboveItsSpeedOnly) {
   EXPECT_NEAR(rig.output("largest_torque_nm")[0], 2.0, 1e-12);
 }
 
-// The same members in another order: the size is the same, the number is not.
+// The same members: aligned differently they lie elsewhere, though the first two types have one size.
 struct Sample {
-  double a, b;
-  int c;
+  int a, b, c, d;
 };
-struct Reordered {
-  double b, a;
-  int c;
+struct alignas(16) Aligned {
+  int a, b, c, d;
 };
-template <typename T>
-constexpr std::uint64_t layout_of() {
-  return fold({sizeof(T), offsetof(T, a), offsetof(T, b), offsetof(T, c)});
-}
+struct Larger {
+  int a, b, c, d, e;
+};
 
-TEST(OwnControllet, TheLayoutNumberKnowsSizesAndPlaces) {
-  static_assert(sizeof(Sample) == sizeof(Reordered));
-  static_assert(layout_of<Sample>() != layout_of<Reordered>());
+TEST(OwnControllet, TheLayoutNumberKnowsSizesAndAlignments) {
+  static_assert(sizeof(Sample) == sizeof(Aligned) && alignof(Sample) == alignof(Larger));
+  static_assert(layout_of<Sample>() != layout_of<Aligned>());
+  static_assert(layout_of<Sample>() != layout_of<Larger>());
+  static_assert(layout_of<Sample, Larger>() != layout_of<Larger, Sample>());
   static_assert(fold({4, 16, 800}) != fold({4, 16, 808}));
   static_assert(fold({4, 16, 800, 808}) != fold({4, 16, 808, 800}));
   static_assert(fold({0, std::size_t{1} << 40}) != fold({0, 0}));  // all bytes count

@@ -17,7 +17,7 @@ import numpy as np
         "torque_nm": mp.LawParameter(
             [20, 20, 20, 20, 8, 8, 4], 0, 40, unit="N m", size="joints", doc="Largest torque."
         ),
-        "width_rad": mp.LawParameter(0.1, 0.02, 1, unit="rad", doc="Distance from which the torque hardly grows."),
+        "width_rad": mp.LawParameter(0.1, 0.02, 1, unit="rad", doc="Distance above which the torque hardly increases."),
         "damping_nms_per_rad": mp.LawParameter([8, 8, 8, 8, 2, 2, 1], 0, 20, unit="N m s/rad", size="joints"),
     },
     outputs={"energy_j": 1},

@@ -50,9 +50,8 @@ def main():
     if not result.accepted:
         sys.exit(f"first_steps: refused: {result.reason}")
     print(
-        f"switched: {result.started} instead of {result.stopped}; "
-        f"first torque {1e3 * result.total_s:.2f} ms after the request, "
-        f"step {max(result.torque_step, default=0.0):.2f} N m"
+        f"switched: {result.started} instead of {result.stopped}; first torque {1e3 * result.total_s:.2f} ms after the "
+        f"request, step {max(result.torque_step, default=0.0):.2f} N m"
     )
 
     # 3. A goal: 10 cm higher, approached smoothly from any distance, and kept.

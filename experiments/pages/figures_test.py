@@ -10,8 +10,8 @@ import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent))
 
-from experiments.pages import beside, task_metrics, task_page, verdicts  # noqa: E402
-from experiments.pages.task_run import TaskRun, rotate, rotate_back  # noqa: E402
+from experiments.pages import beside, frame, task_metrics, task_page
+from experiments.pages.task_run import TaskRun, rotate, rotate_back
 
 PERIOD = 0.001
 MEASURE = {
@@ -220,7 +220,7 @@ class Figures(unittest.TestCase):
         limits = [{"metric": "held", "at_most": {}, "at_least": {"measured": 1, "ideal": 1}, "variants": []}]
         runs = [{"plant": p, "variant": "a", "repeat": 1, "metrics": {}} for p in ("measured", "ideal")]
         variants = [{"name": "a", "tags": [], "reported": False}]
-        rows = verdicts.judge(limits, runs, variants, ["ideal", "measured"], {("measured", "held")})
+        rows = frame.judge(limits, runs, variants, ["ideal", "measured"], {("measured", "held")})
         self.assertEqual([row["plant"] for row in rows], ["ideal"])
 
     def test_measured_beside_simulated(self):
@@ -247,7 +247,7 @@ class Figures(unittest.TestCase):
         places = [line.get_ydata()[0] for line in canvas.axes[rows.index("difference [N], paper: ± 1.7 N")].lines[-2:]]
         self.assertEqual(places, [-1.7, 1.7])
         summary = {("measured", "a"): {"between_plants": task_metrics.difference(other, one)}}
-        (table,) = beside.table(summary, [{"name": "a", "label": "a"}], published, "measured")
+        table = beside.table(summary, [{"name": "a", "label": "a"}], published, "measured")
         self.assertIn("beyond", table)  # 0.05 rad
         self.assertIn("within", table)
 
@@ -294,7 +294,7 @@ class Verdicts(unittest.TestCase):
             for v, values in figures.items()
             for i, x in enumerate(values)
         ]
-        return verdicts.judge(
+        return frame.judge(
             [{"metric": "m", "at_most": {}, "at_least": {}, "variants": [], **limit}],
             runs,
             self.VARIANTS,
@@ -316,14 +316,14 @@ class Verdicts(unittest.TestCase):
     def test_what_was_not_measured_is_not_passed(self):
         (row,) = self.judged({"at_most": {"ideal": 2}}, {"a_x": [1, None]})
         self.assertEqual((row["passed"], row["worst"], row["repeat"]), (False, None, 2))
-        self.assertIn("could not be measured", verdicts.sentence(row, lambda m, v: (m, v)))
+        self.assertIn("could not be measured", frame.sentence(row, lambda m, v: (m, v)))
 
     def test_a_missed_limit_is_named_once(self):
         row = dict(
             metric="x_rmse_m", plant="ideal", variant="plain", bound="at_most", limit=0.005, worst=0.0073, repeat=1
         )
         self.assertEqual(
-            verdicts.sentence(row, task_page._label),
+            frame.sentence(row, task_page._label),
             "plain on ideal: end effector 7.3 mm in repeat 1, at most 5 mm allowed",
         )
 

@@ -6,16 +6,25 @@ import pathlib
 import numpy as np
 
 from experiments.pages import performance_metrics, performance_plots
-from experiments.pages.performance_metrics import STAGES, Trace
+from experiments.pages.performance_metrics import Trace
 from report import page
+from report.series import spread
 
 OWN, INSIDE = "own process", "manager"
 NOT_MEASURED = "not measured inside a controller_manager"
 FORMAT = 1
+NOT_INSIDE = {
+    "simulation": ": the hardware's read() advances it, before update()",
+    "CPU and memory of the control process": ": hardware and other controllers share the process",
+    "the law alone, and the ratio to it": "",
+    "plants with known delays": "",
+    "switching of controllets and features": "",
+    "motion generator": "; it prints its own report",
+}
 
 
 class InsideTrace(Trace):
-    """The cycles that the multimode controller has recorded of itself, and `about` it."""
+    """Cycles that the multimode controller has recorded of itself, and their metadata `about`."""
 
     def __init__(self, entry, folder):
         super().__init__(entry, folder)
@@ -62,7 +71,7 @@ def _running_features(trace):
 
 
 def unlike(name, trace, own, machine):
-    """What a measurement, shown as the condition `name`, has not in common with that condition or its computer."""
+    """Differences between a measurement shown as condition `name` and that condition or its computer."""
     about, out = trace.about, []
     if about["condition"] != name:
         out.append(f"it was measured as the condition {about['condition']}")
@@ -98,8 +107,8 @@ def _delays(traces):
         both = [t.delays(arm) for t in traces]
         cycles = np.concatenate([cycles for _, cycles in both])
         out[arm] = {
-            "correlation_ms": performance_metrics.spread(np.concatenate([w for w, _ in both]) * 1e3),
-            "sequence_ms": performance_metrics.spread(cycles * 1e3),
+            "correlation_ms": spread(np.concatenate([w for w, _ in both]) * 1e3),
+            "sequence_ms": spread(cycles * 1e3),
             "unmatched": int(np.sum(~np.isfinite(cycles))),
         }
     return out
@@ -107,28 +116,18 @@ def _delays(traces):
 
 def figures(traces):
     """Figures of one condition over all its measurements, under the names of performance_metrics.condition_figures."""
-    stages = np.concatenate([t["stages_us"] for t in traces])
-    period = np.concatenate([t.period_us for t in traces])
     return {
+        **performance_metrics.cycle_figures(traces),
         "measurements": len(traces),
-        "cycles": int(sum(len(t["cycle"]) for t in traces)),
-        "cycles_lost": sum(t.lost for t in traces),
         "cycles_missing": sum(t.missing for t in traces),
         "full": sum(bool(t.about["full"]) for t in traces),
-        "control_us": performance_metrics.spread(np.concatenate([t.control_us for t in traces])),
-        "whole_us": performance_metrics.spread(np.concatenate([t.whole_us for t in traces])),
-        "stages_us": {name: performance_metrics.spread(stages[:, i]) for i, name in enumerate(STAGES)},
-        "period_us": performance_metrics.spread(period),
-        "jitter_us": performance_metrics.spread(
-            np.concatenate([np.abs(t.period_us - 1e6 * t.entry["period_s"]) for t in traces])
-        ),
         "delay": _delays(traces),
         "scheduling": [t.about["scheduling"] for t in traces],
     }
 
 
 def remarks(traces, own, machine):
-    """By condition: what each of its measurements has not in common with it, as sentences."""
+    """Sentences by condition: differences of its measurements."""
     return {
         name: [
             f"{name}: {trace.file.name} is not of the same kind: {'; '.join(what)}."
@@ -140,15 +139,12 @@ def remarks(traces, own, machine):
 
 
 def draw(own, own_traces, inside, inside_traces):
-    """Pictures by name: the stages and tails of each measured condition, in the own process and inside."""
+    """Pictures by name: stages and tails of each measured condition, in our own process and inside the manager."""
     both, traces = {}, {}
     for name in inside:
         for place, f, t in ((OWN, own, own_traces), (INSIDE, inside, inside_traces)):
             both[f"{name}, {place}"], traces[f"{name}, {place}"] = f[name], t[name]
-    return {
-        "manager_stages": performance_plots.stages(both),
-        "manager_tails": performance_plots.tails(traces),
-    }
+    return {"manager_stages": performance_plots.stages(both), "manager_tails": performance_plots.tails(traces)}
 
 
 # Page ---------------------------------------------------------------------------------------------------------------
@@ -157,124 +153,80 @@ def draw(own, own_traces, inside, inside_traces):
 def section(own, inside, remarks, drawn):
     """The section of the page; remarks: of each condition; drawn: path of each picture by name. Nothing is judged."""
     return (
-        "manager",
         "Inside a controller_manager",
-        [
-            page.paragraph(
-                "The same controller in another program's loop, measured by itself (parameter performance_trace): each "
-                "update() of the multimode controller. Control function and whole step are defined as above; copying "
-                "between the manager's interfaces and the controller is not in them, and with real arms neither is "
-                "sending the torques, which another thread does there. Start deviation and lost cycles are those of "
-                "update(): what the manager did before it in the cycle counts, simulation included, and a late cycle "
-                "counts as lost also if the manager catches up. The scene's bounds for contact hold there, so the "
-                "hands may move and press less than in the own process, and a feature may have more or less to "
-                "compute. Nothing here is judged."
-            ),
-            page.box([line for name, f in inside.items() for line in [_summary(name, f), *remarks[name]]]),
-            _cycle_table(own, inside),
-            page.image(drawn["manager_stages"], "Medians of the stages of a step."),
-            page.image(drawn["manager_tails"], "Fraction of the cycles above a value, down to the worst one."),
-            page.Raw("<h3>Command delay</h3>"),
-            page.paragraph(
-                "From the torque that the controller has left for its hardware to the state that reports it as in use; "
-                "the plant's own delay is in it and is not known to the controller. In lock-step with simulated arms "
-                "it is that of the plant alone. Hardware that does not report the torque in use: "
-                f"{NOT_MEASURED}."
-            ),
-            _delay_table(own, inside),
-            page.Raw("<h3>What else this page shows</h3>"),
-            _rest_table(),
-        ],
+        "The same controller in another program's loop, measured by itself (parameter performance_trace): each "
+        "update() of the multimode controller. Control function and whole step are defined as above; copying between "
+        "the manager's interfaces and the controller is not in them, and with real arms neither is sending the "
+        "torques, which another thread does there. Start deviation and lost cycles are those of update(): the "
+        "manager's earlier work in the cycle counts, simulation included, and a late cycle counts as lost even if "
+        "the manager catches up. The scene's bounds for contact hold there, so the hands may move and press less "
+        "than in the own process, and a feature may have more or less to compute. Nothing here is judged.",
+        page.box([line for name, f in inside.items() for line in [_summary(name, f), *remarks[name]]]),
+        _cycle_table(own, inside),
+        page.image(drawn["manager_stages"], "Medians of the stages of a step."),
+        page.image(drawn["manager_tails"], "Fraction of the cycles above a value, down to the worst one."),
+        page.heading("Command delay"),
+        "From the torque that the controller has left for its hardware to the state that reports it as in use; the "
+        "plant's own delay is in it and is not known to the controller. In lock-step with simulated arms it is that of "
+        f"the plant alone. Hardware that does not report the torque in use: {NOT_MEASURED}.",
+        _delay_table(own, inside),
+        page.heading("What else this page shows"),
+        page.table(["figure", INSIDE], [[what, f"{NOT_MEASURED}{reason}"] for what, reason in NOT_INSIDE.items()]),
     )
 
 
 def _summary(name, f):
     scheduling = sorted({s or "not known: it had ended" for s in f["scheduling"]})
+    several = "measurement" if f["measurements"] == 1 else "measurements"
+    missing = f"; {f['cycles_missing']} cycles between them were not recorded" if f["cycles_missing"] else ""
     return (
-        f"{name}: {f['cycles']} cycles in {f['measurements']} "
-        f"{'measurement' if f['measurements'] == 1 else 'measurements'}; {f['full']} of them filled the memory, which "
-        "ends a measurement"
-        + (f"; {f['cycles_missing']} cycles between them were not recorded" if f["cycles_missing"] else "")
-        + f". The loop's thread: {', '.join(scheduling)}."
+        f"{name}: {f['cycles']} cycles in {f['measurements']} {several}; {f['full']} of them filled the memory, which "
+        f"ends a measurement{missing}. The loop's thread: {', '.join(scheduling)}."
     )
+
+
+def _places(own, inside):
+    """(condition, place, its figures)"""
+    return [(name, place, f[name]) for name in inside for place, f in ((OWN, own), (INSIDE, inside))]
+
+
+def _heads(first):
+    """Condition and place, shown in their first row only; first(row): whether it is the first."""
+    return {
+        "condition": lambda row: row["name"] if first(row) and row["place"] == OWN else "",
+        "in": lambda row: row["place"] if first(row) else "",
+    }
 
 
 def _cycle_table(own, inside):
-    rows = []
-    for name in inside:
-        for place, c in ((OWN, own[name]), (INSIDE, inside[name])):
-            for what, f in (
-                ("control function", c["control_us"]),
-                ("whole step", c["whole_us"]),
-                ("start deviation", c["jitter_us"]),
-            ):
-                first = what == "control function"
-                rows.append(
-                    [
-                        name if first and place == OWN else "",
-                        place if first else "",
-                        what,
-                        *(
-                            None if f is None else page.figures(f[key])
-                            for key in ("median", "mean", "p99", "p999", "worst")
-                        ),
-                        str(f["count"]) if f else None,
-                        str(c["cycles_lost"]) if what == "start deviation" else "",
-                    ]
-                )
-    return page.table(
-        ["condition", "in", "[µs]", "median", "mean", "99 %", "99.9 %", "worst", "cycles", "lost"],
-        rows,
-        range(3, 10),
-    )
+    rows = [
+        {"name": name, "place": place, "what": what, **f}
+        for name, place, f in _places(own, inside)
+        for what in performance_metrics.TIMES
+    ]
+    heads = _heads(lambda row: row["what"] == "control function")
+    return page.columns(rows, {**heads, "[µs]": lambda row: row["what"], **performance_metrics.time_cells()})
 
 
 def _delay_table(own, inside):
-    rows = []
-    for name in inside:
-        for place, delays in ((OWN, own[name]["delay"]), (INSIDE, inside[name]["delay"])):
-            for i, (arm, d) in enumerate(delays.items()):
-                head = [name if i == 0 and place == OWN else "", place if i == 0 else "", arm]
-                if d is None:
-                    rows.append([*head, NOT_MEASURED, "", "", ""])
-                    continue
-                a, b = d["correlation_ms"], d["sequence_ms"]
-                rows.append(
-                    [
-                        *head,
-                        f"{a['median']:.4f}" if a else None,
-                        f"{b['mean']:.4f} ({b['least']:.4f} … {b['worst']:.4f})" if b else None,
-                        str(b["count"]) if b else "0",
-                        str(d["unmatched"]),
-                    ]
-                )
-    return page.table(
-        [
-            "condition",
-            "in",
-            "arm",
-            "correlation, median [ms]",
-            "sequence number, mean (range) [ms]",
-            "torques found",
-            "not found",
-        ],
-        rows,
-        range(3, 7),
-    )
+    rows = [
+        {"name": name, "place": place, "arm": arm, "first": i == 0, "delay": d}
+        for name, place, f in _places(own, inside)
+        for i, (arm, d) in enumerate(f["delay"].items())
+    ]
 
+    def value(shown, absent=""):
+        return lambda row: absent if row["delay"] is None else shown(row["delay"])
 
-def _rest_table():
-    return page.table(
-        ["figure", INSIDE],
-        [
-            ["simulation", f"{NOT_MEASURED}: the hardware's read() advances it, before update()"],
-            [
-                "CPU and memory of the control process",
-                f"{NOT_MEASURED}: hardware and other controllers share the process",
-            ],
-            ["bare mathematics of the law, and the ratio to it", NOT_MEASURED],
-            ["plants with known delays", NOT_MEASURED],
-            ["switching of controllets and features", NOT_MEASURED],
-            ["motion generator", f"{NOT_MEASURED}; it prints its own report"],
-        ],
-    )
+    range_of = "{mean:.4f} ({least:.4f} … {worst:.4f})".format
+    cells = {
+        **_heads(lambda row: row["first"]),
+        "arm": lambda row: row["arm"],
+        "correlation, median [ms]": value(
+            lambda d: d["correlation_ms"] and f"{d['correlation_ms']['median']:.4f}", NOT_MEASURED
+        ),
+        "sequence number, mean (range) [ms]": value(lambda d: d["sequence_ms"] and range_of(**d["sequence_ms"])),
+        "torques found": value(lambda d: d["sequence_ms"]["count"] if d["sequence_ms"] else 0),
+        "not found": value(lambda d: d["unmatched"]),
+    }
+    return page.columns(rows, cells)

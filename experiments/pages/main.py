@@ -10,7 +10,11 @@ import json
 import pathlib
 import sys
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+
+from experiments.pages import frame, performance, task_page
+
+KINDS = {"task": task_page, "performance": performance}
 
 
 def main(words=None):
@@ -18,20 +22,13 @@ def main(words=None):
     parser.add_argument("plan", type=pathlib.Path)
     parser.add_argument("--index", action="store_true", help="PLAN is a list of experiments that have their pages")
     arguments = parser.parse_args(words)
-    with open(arguments.plan, encoding="utf-8") as stream:
-        plan = json.load(stream)
+    plan = json.loads(arguments.plan.read_text(encoding="utf-8"))
     if arguments.index:
-        from experiments.pages import frame
-
         print(frame.index(plan, arguments.plan.parent))
-        return
-    if plan["kind"] == "task":
-        from experiments.pages import task_page as kind
-    elif plan["kind"] == "performance":
-        from experiments.pages import performance as kind
+    elif plan["kind"] in KINDS:
+        KINDS[plan["kind"]].make(plan, arguments.plan.parent)
     else:
         sys.exit(f"no page for experiments of the kind {plan['kind']}")
-    kind.make(plan, arguments.plan.parent)
 
 
 if __name__ == "__main__":

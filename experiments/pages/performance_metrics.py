@@ -5,35 +5,16 @@ import pathlib
 import numpy as np
 
 from experiments.pages import torque_delay
+from report.page import known
+from report.series import spread
 
-# The client of real arms keeps slightly below the arm's own torque-rate limit: a torque whose step the loop has cut
-# at that limit is sent up to so much smaller, which adds up over such steps in a row.
+# The client of real arms stays slightly below the arm's torque-rate limit. If the loop has cut a step at that limit,
+# the client sends up to CUT_NM less; this accumulates over consecutive steps.
 RATE_LIMIT_NM_PER_S, CUT_NM = 1000.0, 1e-4
 
 STAGES = ("read", "controllets", "features", "safety", "write")
-
-
-def spread(values):
-    """Median, mean, tails and number of a sample; None if there is none."""
-    values = np.asarray(values, dtype=float)
-    values = values[np.isfinite(values)]
-    if not values.size:
-        return None
-    at = np.percentile(values, [1, 25, 50, 75, 95, 99, 99.9])
-    return {
-        "median": float(at[2]),
-        "mean": float(values.mean()),
-        "deviation": float(values.std()),
-        "p1": float(at[0]),
-        "p25": float(at[1]),
-        "p75": float(at[3]),
-        "p95": float(at[4]),
-        "p99": float(at[5]),
-        "p999": float(at[6]),
-        "worst": float(values.max()),
-        "least": float(values.min()),
-        "count": int(values.size),
-    }
+TIMES = {"control function": "control_us", "whole step": "whole_us", "start deviation": "jitter_us"}
+TAILS = {"median": "median", "mean": "mean", "99 %": "p99", "99.9 %": "p999", "worst": "worst"}
 
 
 class Trace:
@@ -55,10 +36,6 @@ class Trace:
         return self["stages_us"][:, 5] - self["stages_us"][:, 4]
 
     @property
-    def whole_us(self):
-        return self["whole_us"]
-
-    @property
     def period_us(self):
         """Time between the starts of consecutive cycles."""
         follows = np.diff(self["cycle"]) == 1
@@ -77,7 +54,7 @@ class Trace:
         t, period = self["t_ns"] * 1e-9, self.entry["period_s"]
         sent, used = self[f"{arm}/tau_cmd"], self[f"{arm}/tau_J_d"]
         tolerance = 0.0
-        if np.array_equal(used, used.astype(np.float32)):  # states of the control interface travel in single precision
+        if np.array_equal(used, used.astype(np.float32)):  # states of the control interface have single precision
             step = np.max(np.abs(np.diff(sent, axis=0, prepend=sent[:1])), axis=1)
             tolerance = np.where(step >= 0.999 * RATE_LIMIT_NM_PER_S * period, CUT_NM, 0.0)
             sent = sent.astype(np.float32).astype(float)
@@ -122,7 +99,7 @@ def _feature_figures(traces):
     )
     out["acting_share"] = float(np.mean(torque > 0))
     out["largest_torque_nm"] = float(torque.max())
-    # A feature that is off shows zeros; one that is on shows at least how near the nearest pair is.
+    # A feature that is off outputs zeros; one that is on outputs at least the distance of the nearest pair.
     near = [t.column("collision_avoidance.smallest_distance_m") for t in traces]
     if all(x is not None and np.all(x > 0) for x in near):
         pairs = [t.column("collision_avoidance.active_pairs") for t in traces]
@@ -139,6 +116,20 @@ def _feature_figures(traces):
     return out
 
 
+def cycle_figures(traces):
+    """Figures of the cycles of several runs together."""
+    stages, whole = (np.concatenate([t[name] for t in traces]) for name in ("stages_us", "whole_us"))
+    return {
+        "cycles": int(sum(len(t["cycle"]) for t in traces)),
+        "cycles_lost": sum(t.lost for t in traces),
+        "control_us": spread(np.concatenate([t.control_us for t in traces])),
+        "whole_us": spread(whole),
+        "stages_us": {name: spread(stages[:, i]) for i, name in enumerate(STAGES)},
+        "period_us": spread(np.concatenate([t.period_us for t in traces])),
+        "jitter_us": spread(np.concatenate([np.abs(t.period_us - 1e6 * t.entry["period_s"]) for t in traces])),
+    }
+
+
 def control_ratio(trace):
     """The control function's median over that of the bare law of the same minute; None: there is no such law."""
     bare = trace.entry.get("bare_us")
@@ -151,22 +142,13 @@ def condition_figures(traces, machine_memory_mb):
         [np.array(t.entry["usage"], dtype=float).reshape(-1, len(t.entry["usage_columns"])) for t in traces]
     )
     columns = {name: usage[:, i] for i, name in enumerate(traces[0].entry["usage_columns"])}
-    stages = np.concatenate([t["stages_us"] for t in traces])
-    period = np.concatenate([t.period_us for t in traces])
+    first, whole_us = traces[0].entry, float(np.mean(np.concatenate([t["whole_us"] for t in traces])))
     out = {
-        "cycles": int(sum(len(t["cycle"]) for t in traces)),
-        "cycles_lost": sum(t.lost for t in traces),
-        "control_us": spread(np.concatenate([t.control_us for t in traces])),
-        "whole_us": spread(np.concatenate([t.whole_us for t in traces])),
-        "stages_us": {name: spread(stages[:, i]) for i, name in enumerate(STAGES)},
-        "period_us": spread(period),
-        "jitter_us": spread(np.abs(period - 1e6 * traces[0].entry["period_s"])),
-        "control_percent": 1e-4
-        * float(np.mean(np.concatenate([t.whole_us for t in traces])))
-        / traces[0].entry["period_s"],
-        "bare_us": float(np.mean([t.entry["bare_us"] for t in traces])) if "bare_us" in traces[0].entry else None,
+        **cycle_figures(traces),
+        "control_percent": 1e-4 * whole_us / first["period_s"],
+        "bare_us": float(np.mean([t.entry["bare_us"] for t in traces])) if "bare_us" in first else None,
         "features": _feature_figures(traces),
-        "configured_delay_ms": traces[0].entry["command_delay_s"] * 1e3,
+        "configured_delay_ms": first["command_delay_s"] * 1e3,
     }
     out["usage"] = {name: spread(columns[name]) for name in columns if name != "t_s"}
     if out["usage"]["memory_mb"] is not None:
@@ -176,27 +158,36 @@ def condition_figures(traces, machine_memory_mb):
 
 
 def switching_figures(switching):
-    out = {
-        key: switching[key] for key in ("bystander", "bystander_cycles", "bystander_different", "overruns", "faults")
-    }
-    for kind in ("controllet", "feature"):
-        all_of = [x for x in switching["list"] if x["kind"] == kind]
-        good = [x for x in all_of if x["accepted"]]
+    kept = ("bystander", "bystander_cycles", "bystander_different", "overruns", "faults")
+    out, kinds = {key: switching[key] for key in kept}, ("controllet", "feature")
+    for kind in kinds:
+        trials = [x for x in switching["list"] if x["kind"] == kind]
+        good = [x for x in trials if x["accepted"]]
+        waiting, computing = ([x[k] * 1e-3 for x in good] for k in ("received_to_taken_us", "taken_to_first_torque_us"))
         out[kind] = {
-            "trials": len(all_of),
+            "trials": len(trials),
             "accepted": len(good),
             "in_the_next_cycle": sum(x["cycles_late"] == 0 for x in good),
-            "received_to_taken_ms": spread([x["received_to_taken_us"] * 1e-3 for x in good]),
-            "taken_to_first_torque_ms": spread([x["taken_to_first_torque_us"] * 1e-3 for x in good]),
-            "received_to_first_torque_ms": spread(
-                [(x["received_to_taken_us"] + x["taken_to_first_torque_us"]) * 1e-3 for x in good]
-            ),
+            "received_to_taken_ms": spread(waiting),
+            "taken_to_first_torque_ms": spread(computing),
+            "received_to_first_torque_ms": spread(np.add(waiting, computing)),
             "torque_step_nm": spread([x["torque_step_nm"] for x in good]),
         }
     out["metrics"] = {
-        "switches_refused": sum(out[k]["trials"] - out[k]["accepted"] for k in ("controllet", "feature")),
-        "switches_late": sum(out[k]["accepted"] - out[k]["in_the_next_cycle"] for k in ("controllet", "feature")),
+        "switches_refused": sum(out[k]["trials"] - out[k]["accepted"] for k in kinds),
+        "switches_late": sum(out[k]["accepted"] - out[k]["in_the_next_cycle"] for k in kinds),
         "switches_missing": 2 * switching["trials"] - len(switching["list"]),
         "bystander_different": switching["bystander_different"] if switching["bystander_cycles"] else None,
     }
     return out
+
+
+def time_cells(more=()):
+    """Table columns for rows of TIMES (row["what"]) of a condition; `more` columns follow the tails."""
+
+    def of(key):
+        return lambda row: known((row[TIMES[row["what"]]] or {}).get(key))
+
+    counts = {"cycles": lambda row: (row[TIMES[row["what"]]] or {}).get("count")}
+    counts["lost"] = lambda row: row["cycles_lost"] if row["what"] == "start deviation" else ""
+    return {**{head: of(key) for head, key in TAILS.items()}, **dict(more), **counts}

@@ -1,137 +1,80 @@
 """Plots of a performance experiment. Each function returns a figure, or None without data."""
 
 import matplotlib
-import matplotlib.pyplot as plt
 import numpy as np
 
 from experiments.pages.performance_metrics import STAGES
 from report import style
 
 PAPER = style.LIMIT
-ARMS = ("#4477aa", "#d98c21")
-KINDS = {"controllet": "#4477aa", "feature": "#d98c21"}
-STAGE_NAMES = {
-    "read": "read, models",
-    "controllets": "controllets",
-    "features": "features",
-    "safety": "safety",
-    "write": "write",
-}
+ARMS = (style.BLUE, "#d98c21")
+KINDS = dict(zip(("controllet", "feature"), ARMS))
 
 
 def _colors(conditions):
     return {name: style.JOINTS[i % len(style.JOINTS)] for i, name in enumerate(conditions)}
 
 
-def _boxes(axis, places, figures, colors, width=0.5):
-    """Box: quarters; whiskers: 1 % and 99 %; diamond: mean; dot: 99.9 %. The extremes are in the table."""
-    for x, f, color in zip(places, figures, colors):
+def _boxes(axis, figures, colors):
+    """Box: quarters; whiskers: 1 % and 99 %; diamond: mean. The extremes are in the table."""
+    thin = {"linewidth": 0.8}
+    for x, (name, f) in enumerate(figures.items()):
         if f is None:
             axis.text(x, 0, "–", ha="center", va="bottom", color=style.FAINT)
             continue
-        axis.bxp(
-            [{"med": f["median"], "q1": f["p25"], "q3": f["p75"], "whislo": f["p1"], "whishi": f["p99"], "fliers": []}],
-            positions=[x],
-            widths=width,
-            showfliers=False,
-            patch_artist=True,
-            manage_ticks=False,
-            boxprops={"facecolor": color, "alpha": 0.55, "linewidth": 0.7},
-            medianprops={"color": style.INK, "linewidth": 1.4},
-            whiskerprops={"linewidth": 0.8},
-            capprops={"linewidth": 0.8},
-        )
+        box = {"med": f["median"], "q1": f["p25"], "q3": f["p75"], "whislo": f["p1"], "whishi": f["p99"]}
+        look = {"facecolor": colors[name], "alpha": 0.55, "linewidth": 0.7}
+        lines = {"medianprops": {"color": style.INK, "linewidth": 1.4}, "whiskerprops": thin, "capprops": thin}
+        how = {"widths": 0.5, "showfliers": False, "patch_artist": True, "manage_ticks": False}
+        axis.bxp([box], positions=[x], boxprops=look, **lines, **how)
         axis.plot([x], [f["mean"]], marker="D", color=style.INK, markersize=3.2, linestyle="none")
+    _names(axis, figures)
 
 
 def _names(axis, names):
-    axis.set_xticks(range(len(names)), names)
+    style.name_places(axis, list(names))
     axis.set_xlim(-0.6, len(names) - 0.4)
-    axis.grid(False, axis="x")
-    axis.tick_params(axis="x", length=0)
+
+
+def _draw_delays(axis, conditions, arms):
+    width = 0.8 / len(arms)
+    for i, arm in enumerate(arms):
+        for k, c in enumerate(conditions.values()):
+            if (entry := c["delay"].get(arm)) is None:
+                continue
+            x, windows = k + (i - (len(arms) - 1) / 2) * width, np.array(entry["windows_ms"])
+            spots = x + (np.random.default_rng(k).uniform(-0.3, 0.3, len(windows)) * width)
+            label = f"{arm}: correlation, 1 s each" if k == 0 else None
+            dots = {"color": ARMS[i % 2], "markersize": 4, "markeredgewidth": 0.5, "markeredgecolor": "white"}
+            axis.plot(spots, windows, "o", zorder=3, label=label, **dots)
+            if entry["sequence_ms"] is None:
+                continue
+            mean, label = entry["sequence_ms"]["mean"], "by sequence number, mean" if k == i == 0 else None
+            axis.hlines(mean, x - 0.4 * width, x + 0.4 * width, color=style.INK, linewidth=1.0, zorder=2, label=label)
+            place = {"textcoords": "offset points", "ha": "center"}
+            axis.annotate(f"{mean:.3f}", (x, mean), (0, 7), fontsize=8, color=style.INK, **place)
+    style.level(axis, 0.5, label="paper, real arms: about 0.5 ms")
+    windows = [w for c in conditions.values() for d in c["delay"].values() for w in d["windows_ms"]]
+    axis.set_ylim(0, max(1.6, 1.25 * max(windows, default=1)))
+    axis.set(title="Delay of the commanded torque, per arm", ylabel="delay [ms]")
+    _names(axis, conditions)
+    axis.legend(loc="upper left", ncols=3, bbox_to_anchor=(0, 1.0))
 
 
 def like_the_paper(conditions, arms):
     """Delay per arm, loop time and CPU per condition: the three panels of the paper's figure, as distributions."""
-    names, colors = list(conditions), _colors(conditions)
-    figure, grid = plt.subplot_mosaic(
-        [["delay", "delay"], ["loop", "cpu"]], figsize=(style.WIDTH_IN, 6.2), dpi=style.DPI
-    )
-    axis = grid["delay"]
-    width = 0.8 / len(arms)
-    for i, arm in enumerate(arms):
-        places = np.arange(len(names)) + (i - (len(arms) - 1) / 2) * width
-        for k, (x, name) in enumerate(zip(places, names)):
-            entry = conditions[name]["delay"].get(arm)
-            if entry is None:
-                continue
-            windows = np.array(entry["windows_ms"])
-            spots = x + (np.random.default_rng(k).uniform(-0.3, 0.3, len(windows)) * width)
-            axis.plot(
-                spots,
-                windows,
-                "o",
-                color=ARMS[i % 2],
-                markersize=4,
-                markeredgewidth=0.5,
-                markeredgecolor="white",
-                linestyle="none",
-                zorder=3,
-                label=f"{arm}: correlation, 1 s each" if k == 0 else None,
-            )
-            if entry["sequence_ms"] is not None:
-                mean = entry["sequence_ms"]["mean"]
-                axis.plot(
-                    [x - 0.4 * width, x + 0.4 * width],
-                    [mean] * 2,
-                    color=style.INK,
-                    linewidth=1.0,
-                    solid_capstyle="butt",
-                    zorder=2,
-                    label="by sequence number, mean" if k == i == 0 else None,
-                )
-                axis.annotate(
-                    f"{mean:.3f}",
-                    (x, mean),
-                    (0, 7),
-                    textcoords="offset points",
-                    ha="center",
-                    fontsize=8,
-                    color=style.INK,
-                )
-    axis.axhline(0.5, color=PAPER, linewidth=0.9, linestyle=(0, (4, 3)), label="paper, real arms: about 0.5 ms")
-    axis.set_ylim(
-        0,
-        max(
-            1.6,
-            1.25
-            * max((w for c in conditions.values() for d in c["delay"].values() for w in d["windows_ms"]), default=1),
-        ),
-    )
-    axis.set_title("Delay of the commanded torque, per arm")
-    axis.set_ylabel("delay [ms]")
-    _names(axis, names)
-    axis.legend(loc="upper left", ncols=3, bbox_to_anchor=(0, 1.0))
-
-    axis = grid["loop"]
-    figures = [conditions[n]["control_us"] for n in names]
-    _boxes(axis, range(len(names)), figures, [colors[n] for n in names])
-    axis.axhline(25, color=PAPER, linewidth=0.9, linestyle=(0, (4, 3)), label="paper, DC: < 25 µs")
-    top = max([f["p99"] for f in figures if f], default=25)
-    axis.set_ylim(0, 1.12 * max(top, 25))
-    axis.set_title("Control function")
-    axis.set_ylabel("time [µs]")
-    _names(axis, names)
-    axis.legend(loc="upper left")
-
-    axis = grid["cpu"]
-    _boxes(
-        axis, range(len(names)), [conditions[n]["usage"]["process_percent"] for n in names], [colors[n] for n in names]
-    )
-    axis.set_ylim(bottom=0)
-    axis.set_title("CPU of the control process, one core = 100 %")
-    axis.set_ylabel("CPU [%]")
-    _names(axis, names)
+    colors, panels = _colors(conditions), [["delay", "delay"], ["loop", "cpu"]]
+    figure, grid = style.plt.subplot_mosaic(panels, figsize=(style.WIDTH_IN, 6.2))
+    _draw_delays(grid["delay"], conditions, arms)
+    control = {name: c["control_us"] for name, c in conditions.items()}
+    _boxes(grid["loop"], control, colors)
+    style.level(grid["loop"], 25, label="paper, DC: < 25 µs")
+    grid["loop"].set_ylim(0, 1.12 * max([f["p99"] for f in control.values() if f] + [25]))
+    grid["loop"].set(title="Control function", ylabel="time [µs]")
+    grid["loop"].legend(loc="upper left")
+    _boxes(grid["cpu"], {name: c["usage"]["process_percent"] for name, c in conditions.items()}, colors)
+    grid["cpu"].set_ylim(bottom=0)
+    grid["cpu"].set(title="CPU of the control process, one core = 100 %", ylabel="CPU [%]")
     figure.tight_layout(h_pad=1.6)
     return figure
 
@@ -139,11 +82,12 @@ def like_the_paper(conditions, arms):
 def stages(conditions):
     """Where the time of a step goes: medians of the stages, stacked."""
     names = list(conditions)
-    figure, axis = plt.subplots(figsize=(style.WIDTH_IN, 0.5 + 0.42 * len(names) + 0.5), dpi=style.DPI)
+    figure, ((axis,),) = style.sheet(height=1.0 + 0.42 * len(names))
     left = np.zeros(len(names))
     for stage, color in zip(STAGES, style.STAGES):
         values = np.array([conditions[n]["stages_us"][stage]["median"] for n in names])
-        axis.barh(range(len(names)), values, left=left, color=color, height=0.62, label=STAGE_NAMES[stage])
+        label = "read, models" if stage == "read" else stage
+        axis.barh(range(len(names)), values, left=left, color=color, height=0.62, label=label)
         left += values
     for y, (name, value) in enumerate(zip(names, left)):
         axis.text(value, y, f"  {value:.1f} µs", va="center", fontsize=8, color=style.INK)
@@ -158,33 +102,25 @@ def stages(conditions):
     return figure
 
 
-def _tail(axis, values, color, label):
-    values = np.sort(np.asarray(values))
-    share = 1 - np.arange(len(values)) / len(values)
-    axis.plot(np.maximum(values, 1e-2), share, color=color, label=label, drawstyle="steps-pre")
-
-
 def tails(traces):
     """Fraction of the cycles that took longer, down to the worst one. traces: condition -> runs."""
-    names, colors = list(traces), _colors(traces)
-    figure, axes = plt.subplots(1, 3, figsize=(style.WIDTH_IN, 3.1), dpi=style.DPI, sharey=True)
+    figure, (axes,) = style.sheet(1, 3, 3.1, sharey=True)
     period = 1e6 * next(iter(traces.values()))[0].entry["period_s"]
     for axis, title, values in (
         (axes[0], "Control function longer than", lambda t: t.control_us),
-        (axes[1], "Whole step longer than", lambda t: t.whole_us),
+        (axes[1], "Whole step longer than", lambda t: t["whole_us"]),
         (axes[2], "Start of cycles off by more than", lambda t: np.abs(t.period_us - period)),
     ):
-        for name in names:
-            _tail(axis, np.concatenate([values(t) for t in traces[name]]), colors[name], name)
-        axis.set_xscale("log")
-        axis.set_yscale("log")
+        for name, color in _colors(traces).items():
+            ordered = np.sort(np.concatenate([values(t) for t in traces[name]]))
+            share = 1 - np.arange(len(ordered)) / len(ordered)
+            axis.plot(np.maximum(ordered, 1e-2), share, color=color, label=name, drawstyle="steps-pre")
+        axis.set(xscale="log", yscale="log", title=title, xlabel="[µs]")
         low, high = axis.get_xlim()
         axis.set_xlim(10 ** np.floor(np.log10(low)), 10 ** np.ceil(np.log10(high)))
         axis.xaxis.set_major_formatter(matplotlib.ticker.StrMethodFormatter("{x:g}"))
         axis.xaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
-        axis.set_title(title)
-        axis.set_xlabel("[µs]")
-    axes[2].axvline(period, color=style.FAINT, linewidth=0.8, linestyle=(0, (4, 3)))
+    axes[2].axvline(period, color=style.FAINT, linewidth=0.8, linestyle=style.DASHED)
     axes[0].set_ylabel("fraction of the cycles")
     axes[0].legend(loc="lower left")
     figure.tight_layout()
@@ -193,28 +129,17 @@ def tails(traces):
 
 def usage(traces):
     """CPU and memory over time, one column per condition (first repeat)."""
-    names = list(traces)
-    figure, axes = plt.subplots(
-        3,
-        len(names),
-        figsize=(style.WIDTH_IN, 4.9),
-        dpi=style.DPI,
-        sharey="row",
-        sharex="col",
-        squeeze=False,
-        height_ratios=(2, 1, 1),
-    )
+    figure, axes = style.sheet(3, len(traces), 4.9, sharey="row", sharex="col", height_ratios=(2, 1, 1))
     panels = (
         (0, "process_percent", "control process", style.JOINTS[0]),
         (0, "loop_percent", "its loop", style.JOINTS[2]),
         (0, "generator_percent", "generator", style.JOINTS[3]),
-        (1, "others_percent", "everybody else", style.JOINTS[6]),
+        (1, "others_percent", "other processes", style.JOINTS[6]),
         (2, "memory_mb", "memory of the control process", style.JOINTS[5]),
     )
-    for k, name in enumerate(names):
-        entry = traces[name][0].entry
-        columns = entry["usage_columns"]
-        rows = np.array(entry["usage"], dtype=float).reshape(-1, len(columns))
+    for k, (name, runs) in enumerate(traces.items()):
+        columns = runs[0].entry["usage_columns"]
+        rows = np.array(runs[0].entry["usage"], dtype=float).reshape(-1, len(columns))
         for row, column, label, color in panels:
             axes[row, k].plot(rows[:, 0], rows[:, columns.index(column)], color=color, label=label)
         axes[0, k].set_title(name)
@@ -224,45 +149,31 @@ def usage(traces):
         axes[row, 0].set_ylim(0, 1.1 * axes[row, 0].get_ylim()[1])  # shared axis: set it after everything is drawn
     figure.tight_layout(rect=(0, 0, 1, 0.95))
     handles = [h for row in range(3) for h in axes[row, 0].get_lines()]
-    figure.legend(
-        handles,
-        [h.get_label() for h in handles],
-        loc="upper left",
-        ncols=5,
-        bbox_to_anchor=(0.06, 1.0),
-        columnspacing=1.3,
-    )
+    figure.legend(handles=handles, loc="upper left", ncols=5, bbox_to_anchor=(0.06, 1.0), columnspacing=1.3)
     return figure
 
 
 def switching(plan_switching):
     """Every switch: from the request to the cycle that took it, and to the first torque."""
-    figure, axes = plt.subplots(1, 2, figsize=(style.WIDTH_IN, 2.7), dpi=style.DPI, width_ratios=(2, 1))
+    figure, ((totals, taken),) = style.sheet(1, 2, 2.7, width_ratios=(2, 1))
     for kind, color in KINDS.items():
         rows = [x for x in plan_switching["list"] if x["kind"] == kind and x["accepted"]]
-        if not rows:
-            continue
         total = [(x["received_to_taken_us"] + x["taken_to_first_torque_us"]) * 1e-3 for x in rows]
-        axes[0].plot(
-            range(1, len(rows) + 1), total, "o", color=color, markersize=3.6, markeredgewidth=0, alpha=0.85, label=kind
-        )
         values = np.sort([x["taken_to_first_torque_us"] for x in rows])
-        axes[1].plot(
-            values, np.arange(1, len(values) + 1) / len(values), color=color, drawstyle="steps-post", label=kind
-        )
-    axes[0].axhspan(2.117 - 0.493, 2.117 + 0.493, color=PAPER, alpha=0.12, linewidth=0)
-    axes[0].axhline(2.117, color=PAPER, linewidth=0.9, linestyle=(0, (4, 3)), label="paper: 2.117 ± 0.493 ms")
-    axes[0].set_ylim(bottom=0)
-    axes[0].set_ylim(top=max(3.6, axes[0].get_ylim()[1]))
-    axes[0].set_xlabel("trial")
-    axes[0].xaxis.set_major_locator(matplotlib.ticker.MaxNLocator(integer=True))
-    axes[0].set_ylabel("[ms]")
-    axes[0].set_title("From the request to the first torque")
-    axes[0].legend(loc="upper left", ncols=3, columnspacing=1.2)
-    axes[1].set_xlabel("[µs]")
-    axes[1].set_ylabel("fraction of the trials")
-    axes[1].set_title("Taken to first torque")
-    axes[1].legend(loc="lower right")
+        if rows:
+            dots = {"markersize": 3.6, "markeredgewidth": 0, "alpha": 0.85}
+            totals.plot(range(1, len(rows) + 1), total, "o", color=color, label=kind, **dots)
+            share = np.arange(1, len(values) + 1) / len(values)
+            taken.plot(values, share, color=color, drawstyle="steps-post", label=kind)
+    totals.axhspan(2.117 - 0.493, 2.117 + 0.493, color=PAPER, alpha=0.12, linewidth=0)
+    style.level(totals, 2.117, label="paper: 2.117 ± 0.493 ms")
+    totals.set_ylim(bottom=0)
+    totals.set_ylim(top=max(3.6, totals.get_ylim()[1]))
+    totals.xaxis.set_major_locator(matplotlib.ticker.MaxNLocator(integer=True))
+    totals.set(title="From the request to the first torque", xlabel="trial", ylabel="[ms]")
+    totals.legend(loc="upper left", ncols=3, columnspacing=1.2)
+    taken.set(title="Taken to first torque", xlabel="[µs]", ylabel="fraction of the trials")
+    taken.legend(loc="lower right")
     figure.tight_layout()
     return figure
 
@@ -271,28 +182,19 @@ def delay_checks(checks):
     """Configured delays of the plant, and those that both methods find. checks: [(configured_ms, {arm: figures})]"""
     if not checks:
         return None
-    figure, (axis, errors) = plt.subplots(1, 2, figsize=(style.WIDTH_IN, 2.9), dpi=style.DPI)
-    largest = max(c for c, _ in checks)
-    axis.plot([0, largest], [0, largest], color="#b9c3cd", linewidth=1, label="as configured", zorder=1)
-    errors.axhline(0, color="#b9c3cd", linewidth=1)
+    figure, ((axis, errors),) = style.sheet(1, 2, 2.9)
     x = np.array([c for c, _ in checks])
+    axis.plot([0, x.max()], [0, x.max()], color="#b9c3cd", linewidth=1, label="as configured", zorder=1)
+    errors.axhline(0, color="#b9c3cd", linewidth=1)
+    hollow = {"markersize": 5.5, "linestyle": "none", "markerfacecolor": "none"}
     for i, arm in enumerate(checks[0][1]):
-        for panel, less in ((axis, 0 * x), (errors, x)):
-            for key, marker, what in (("correlation_ms", "o", "correlation"), ("sequence_ms", "x", "sequence number")):
-                found = np.array([np.nan if a[arm][key] is None else a[arm][key]["median"] for _, a in checks])
-                panel.plot(
-                    x + 0.06 * (i - 0.5),
-                    (found - less) * (1 if panel is axis else 1e3),
-                    marker,
-                    color=ARMS[i % 2],
-                    markersize=5.5,
-                    linestyle="none",
-                    markerfacecolor="none",
-                    label=f"{arm}: {what}",
-                )
+        for key, marker, what in (("correlation_ms", "o", "correlation"), ("sequence_ms", "x", "sequence number")):
+            found = np.array([np.nan if a[arm][key] is None else a[arm][key]["median"] for _, a in checks])
+            look = {"color": ARMS[i % 2], "label": f"{arm}: {what}", **hollow}
+            axis.plot(x + 0.06 * (i - 0.5), found, marker, **look)
+            errors.plot(x + 0.06 * (i - 0.5), 1e3 * (found - x), marker, **look)
     for panel, what in ((axis, "measured delay [ms]"), (errors, "measured minus configured [µs]")):
-        panel.set_xlabel("delay of the simulated plant [ms]")
-        panel.set_ylabel(what)
+        panel.set(xlabel="delay of the simulated plant [ms]", ylabel=what)
         panel.xaxis.set_major_locator(matplotlib.ticker.MultipleLocator(1))
     span = max(1.0, 1.4 * max(abs(v) for v in errors.get_ylim()))
     errors.set_ylim(-span, span)

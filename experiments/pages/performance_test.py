@@ -11,35 +11,16 @@ import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
 
-from experiments.pages import in_manager, main, performance_metrics  # noqa: E402
+from experiments.pages import in_manager, main, performance_metrics
+from report.series import spread
 
 ARMS = ["left", "right"]
-COLUMNS = [
-    "t_s",
-    "process_percent",
-    "loop_percent",
-    "loop_waited_percent",
-    "generator_percent",
-    "others_percent",
-    "memory_mb",
-    "load_1min",
-]
+COLUMNS = "t_s process_percent loop_percent loop_waited_percent generator_percent others_percent memory_mb load_1min"
 
 # What a measurement inside a controller_manager says about itself.
-ABOUT = {
-    "format": 1,
-    "condition": "NF",
-    "controllet": "dual",
-    "arms": ARMS,
-    "reports_command": ["left"],
-    "period_s": 0.001,
-    "wanted_samples": 2000,
-    "full": True,
-    "records_dropped": 0,
-    "scheduling": "SCHED_FIFO 50",
-    "machine": {"processor": "p", "cores": "2"},
-    "scene_text": "arms: {}",
-}
+ABOUT = {"format": 1, "condition": "NF", "controllet": "dual", "arms": ARMS, "reports_command": ["left"]}
+ABOUT |= {"period_s": 0.001, "expected_samples": 2000, "full": True, "records_dropped": 0, "scene_text": "arms: {}"}
+ABOUT |= {"scheduling": "SCHED_FIFO 50", "machine": {"processor": "p", "cores": "2"}}
 
 
 def write_cycles(file, count, seed, periods, control_us, pairs=None, single=False):
@@ -74,121 +55,56 @@ def write_cycles(file, count, seed, periods, control_us, pairs=None, single=Fals
         }
     if pairs is not None:
         arrays["dual/collision_avoidance.smallest_distance_m"] = np.full(count, 0.02)
-        arrays["dual/collision_avoidance.active_pairs"] = np.where(np.arange(count) < count // 4, pairs, 0).astype(
-            float
-        )
+        arrays["dual/collision_avoidance.active_pairs"] = np.where(np.arange(count) < count // 4, float(pairs), 0.0)
     np.savez(file, **arrays)
 
 
 def switch(kind, late=0, waited_us=400.0):
-    return {
-        "kind": kind,
-        "to": "x",
-        "accepted": True,
-        "verdict": "accepted",
-        "cycles_late": late,
-        "received_to_taken_us": waited_us,
-        "taken_to_first_torque_us": 20.0,
-        "torque_step_nm": 1.5,
-    }
+    times = {"received_to_taken_us": waited_us, "taken_to_first_torque_us": 20.0, "cycles_late": late}
+    return {"kind": kind, "to": "x", "accepted": True, "verdict": "accepted", "torque_step_nm": 1.5, **times}
+
+
+def limit(metric, at_most, *variants):
+    return {"metric": metric, "at_most": {"": at_most}, "at_least": {}, "variants": list(variants)}
 
 
 def plan_in(folder, count=3000):
     (folder / "data").mkdir()
-    plan = {
-        "name": "controller-performance",
-        "kind": "performance",
-        "title": "Speed",
-        "description": "d",
-        "seed": 1,
-        "plants": [],
-        "measure": None,
-        "settings": {},
-        "machine": {"processor": "p", "cores": "2", "memory_mb": "8000"},
-        "variants": [],
-        "vary": [],
-        "set": {},
-        "fast": True,
-        "repeats": 1,
-        "duration_s": count / 1000,
-        "load_before": 1.0,
-        "load_after": 2.0,
-        "limits": [
-            {"metric": "samples_missing", "at_most": {"": 0}, "at_least": {}, "variants": ["condition"]},
-            {"metric": "delay_error_us", "at_most": {"": 50}, "at_least": {}, "variants": ["condition", "delay_check"]},
-            {
-                "metric": "delay_by_sequence_error_us",
-                "at_most": {"": 0},
-                "at_least": {},
-                "variants": ["condition", "delay_check"],
-            },
-            {"metric": "control_ratio", "at_most": {"": 3}, "at_least": {}, "variants": ["NF"]},
-            {"metric": "switches_late", "at_most": {"": 0}, "at_least": {}, "variants": ["switching"]},
-            {"metric": "bystander_different", "at_most": {"": 0}, "at_least": {}, "variants": ["switching"]},
-        ],
-        "published": [{"metric": "control_us", "value": 25, "text": "the paper: <25"}],
-        "conditions": [{"name": "NF", "label": "plain"}, {"name": "CA", "label": "with feature"}],
-        "runs": [],
-        "delay_checks": [],
-        "switching": {
-            "trials": 3,
-            "bystander": "third",
-            "bystander_cycles": 500,
-            "bystander_different": 0,
-            "overruns": 0,
-            "faults": [],
-            "list": [switch("feature") for _ in range(3)] + [switch("controllet") for _ in range(3)],
-        },
+    plan = {"name": "controller-performance", "kind": "performance", "title": "Speed", "description": "d", "seed": 1}
+    plan |= {"plants": [], "measure": None, "settings": {}, "variants": [], "vary": [], "set": {}, "fast": True}
+    plan |= {"machine": {"processor": "p", "cores": "2", "memory_mb": "8000"}, "load_before": 1.0, "load_after": 2.0}
+    plan |= {"repeats": 1, "duration_s": count / 1000, "runs": [], "delay_checks": []}
+    plan["limits"] = [
+        limit("samples_missing", 0, "condition"),
+        limit("delay_error_us", 50, "condition", "delay_check"),
+        limit("delay_by_sequence_error_us", 0, "condition", "delay_check"),
+        limit("control_ratio", 3, "NF"),
+        limit("switches_late", 0, "switching"),
+        limit("bystander_different", 0, "switching"),
+    ]
+    plan["published"] = [{"metric": "control_us", "value": 25, "text": "the paper: <25"}]
+    plan["conditions"] = [{"name": "NF", "label": "plain"}, {"name": "CA", "label": "with feature"}]
+    plan["switching"] = {"trials": 3, "bystander": "third", "bystander_cycles": 500, "bystander_different": 0}
+    plan["switching"] |= {"overruns": 0, "faults": [], "list": [switch(k) for k in ("feature", "controllet") * 3]}
+    generator = {"rate_hz": 1000.0, "samples": 3000, "missed": 4, "ended_by": "stopped"}
+    generator |= {
+        "late_us": {"median": 20.0, "p99": 100.0, "worst": 1000.0},
+        "channels": [{"received": 3000, "lost": 0}],
     }
+    common = {"arms": ARMS, "period_s": 0.001, "faults": [], "interventions": []}
     for i, (name, control) in enumerate((("NF", 20.0), ("CA", 26.0))):
         write_cycles(folder / "data" / f"{name}_1.npz", count, i, 1, control, pairs=4 if name == "CA" else None)
         usage = [[0.3 * (k + 1), 12.0 + k, 9.0, 0.1, 5.0, 50.0, 60.0, 1.0] for k in range(10)]
-        plan["runs"].append(
-            {
-                "name": f"{name}_1",
-                "condition": name,
-                "repeat": 1,
-                "npz": f"data/{name}_1.npz",
-                "arms": ARMS,
-                "wanted_samples": count,
-                "samples": count,
-                "bare_us": 8.0,
-                "period_s": 0.001,
-                "plant": "realistic",
-                "command_delay_s": 0.001,
-                "generator_lasted": True,
-                "generator": {
-                    "rate_hz": 1000.0,
-                    "samples": 3000,
-                    "missed": 4,
-                    "late_us": {"median": 20.0, "p99": 100.0, "worst": 1000.0},
-                    "channels": [{"received": 3000, "lost": 0}],
-                    "ended_by": "stopped",
-                },
-                "usage_columns": COLUMNS,
-                "usage": usage,
-                "scene_text": "name: x",
-                "cycles": count,
-                "overruns": 2,
-                "faults": [],
-                "records_lost": 0,
-                "thread": [{"what": "SCHED_FIFO 80", "done": False, "reason": "not permitted"}],
-                "interventions": [],
-            }
-        )
+        run = {"name": f"{name}_1", "condition": name, "repeat": 1, "npz": f"data/{name}_1.npz", **common}
+        run |= {"expected_samples": count, "samples": count, "cycles": count, "overruns": 2, "records_lost": 0}
+        run |= {"bare_us": 8.0, "plant": "realistic", "command_delay_s": 0.001, "scene_text": "name: x"}
+        run |= {"generator_lasted": True, "generator": generator, "usage_columns": COLUMNS.split(), "usage": usage}
+        run["thread"] = [{"what": "SCHED_FIFO 80", "done": False, "reason": "not permitted"}]
+        plan["runs"].append(run)
     for periods in (0, 3):
         write_cycles(folder / "data" / f"delay_{periods}.npz", 2000, 50 + periods, periods, 20, single=periods == 3)
-        plan["delay_checks"].append(
-            {
-                "name": f"delay_{periods}",
-                "npz": f"data/delay_{periods}.npz",
-                "arms": ARMS,
-                "period_s": 0.001,
-                "command_delay_s": periods * 1e-3,
-                "faults": [],
-                "interventions": [],
-            }
-        )
+        check = {"name": f"delay_{periods}", "npz": f"data/delay_{periods}.npz", "command_delay_s": periods * 1e-3}
+        plan["delay_checks"].append({**check, **common})
     return plan
 
 
@@ -292,7 +208,7 @@ class Page(Made):
     def test_what_else_fails(self):
         for change, expected in (
             # 20 us against 8 are 2.5 times, against 6 more than allowed.
-            (lambda p: p["runs"][0].update(bare_us=6.0), "medians 3.33"),
+            (lambda p: p["runs"][0].update(bare_us=6.0), "medians) 3.33"),
             (lambda p: p["runs"][0].pop("bare_us"), "control_ratio could not be measured"),
             (lambda p: p["switching"]["list"][4].update(cycles_late=1), "switches later than the next cycle 1"),
             (lambda p: p["switching"].update(bystander_different=7), "cycles in which the bystander differs 7"),
@@ -402,12 +318,12 @@ class Inside(Made):
 
 class Spread(unittest.TestCase):
     def test_rotations_of_known_angles(self):
-        f = performance_metrics.spread(np.arange(1, 1002))
+        f = spread(np.arange(1, 1002))
         np.testing.assert_allclose(
             [f[k] for k in ("median", "mean", "p99", "p999", "worst", "count")], [501, 501, 991, 1000, 1001, 1001]
         )
-        self.assertIsNone(performance_metrics.spread([]))
-        self.assertEqual(performance_metrics.spread([1, np.nan])["count"], 1)
+        self.assertIsNone(spread([]))
+        self.assertEqual(spread([1, np.nan])["count"], 1)
 
 
 if __name__ == "__main__":

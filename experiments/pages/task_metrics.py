@@ -4,6 +4,7 @@ import numpy as np
 
 from experiments.pages.task_run import rotate, rotate_back
 from report import metrics
+from report.series import rms
 
 # name: (what, unit shown, factor from SI)
 NAMES = {
@@ -36,7 +37,7 @@ NAMES = {
     "limiter_hits": ("limiter hits", "", 1),
     "force_tank_min_j": ("force tank, lowest", "J", 1),
     "impedance_tank_min_j": ("impedance tank, lowest", "J", 1),
-    "energy_gain_w": ("energy from nowhere", "mW", 1e3),
+    "energy_gain_w": ("unsupplied energy gain", "mW", 1e3),
     "stored_energy_max_j": ("stored energy, highest", "J", 1),
     "held": ("held", "", 1),
     "slip_m": ("slip", "mm", 1e3),
@@ -54,14 +55,10 @@ SIX = (
     ("f", "f_rmse_n", "f_max_n"),
     ("c_err", "c_err_rmse_nm", "c_err_max_nm"),
 )
-# What arms cannot measure: it needs poses of objects, or true forces.
+# Figures that need poses of objects or true forces, which arms cannot measure.
 NOT_ON_ARMS = ("held", "slip_m", "tilt_rad", "lift_error_m", "energy_gain_w")
 IMPACT_S = 0.3  # after contact: the impact of the moving tool
-
-
-def rms(values):
-    values = np.asarray(values, dtype=float)
-    return float(np.sqrt(np.mean(values**2))) if values.size else None
+TOUCH_LOST_N = 0.05
 
 
 def _norm(values):
@@ -81,23 +78,23 @@ def errors_of(run, arm):
         values = values[run.inside(t)]
         return _norm(values) if norm else values
 
-    joints = run.joint_errors(arm)
+    joints, force = run.joint_errors(arm), next((f for f in run.forces if f["arm"] == arm), None)
     out = {
         "q": part((joints[0], joints[1])) if joints else None,
         "dq": part((joints[0], joints[2])) if joints else None,
         "tau": part(run.torque_error(arm)),
         "x": part(run.position_errors(arm), True),
         "c_err": part(run.control_error(arm)),
-        "f": None,
     }
-    force = next((f for f in run.forces if f["arm"] == arm), None)
     if force is not None:
-        out["f"] = (force["true"] - force["desired"])[run.inside(force["t"])]
-    else:
-        estimate = metrics.wrench(run.run, arm, "estimated", "has_estimate")
-        if estimate is not None:  # without contact: the estimate is the error
-            out["f"] = _norm(estimate[1][run.inside(estimate[0])])
-    return out
+        return out | {"f": part((force["t"], force["true"] - force["desired"]))}
+    estimate = metrics.wrench(run.run, arm, "estimated", "has_estimate")  # without contact, the estimate is the error
+    return out | {"f": part(estimate[:2], True) if estimate is not None else None}
+
+
+def columns_at(times, t, values):
+    """The columns of values (N x n), interpolated at other times."""
+    return np.column_stack([np.interp(times, t, column) for column in values.T])
 
 
 def six(errors):
@@ -112,40 +109,31 @@ def six(errors):
 
 
 def _force(run, out):
-    rows = {
-        "force_rmse_n": [],
-        "force_max_n": [],
-        "force_est_rmse_n": [],
-        "force_low_n": [],
-        "force_high_n": [],
-        "impact_peak_n": [],
-        "settling_s": [],
-        "contact_lost_s": [],
-        "force_settling_rmse_n": [],
-    }
+    worst = {}
+
+    def add(name, value, worst_of=max):
+        worst[name] = worst_of(worst.get(name, value), value)
+
     for force, contact in zip(run.forces, run.contact_times):
-        t, error = force["t"], force["true"] - force["desired"]
+        t, true, desired, error = force["t"], force["true"], force["desired"], force["true"] - force["desired"]
         inside = run.inside(t)
         if not inside.any():
             continue
-        rows["force_rmse_n"].append(rms(error[inside]))
-        rows["force_max_n"].append(float(np.max(np.abs(error[inside]))))
-        rows["force_est_rmse_n"].append(rms((force["estimate"] - force["desired"])[inside]))
-        rows["force_low_n"].append(float(force["true"][inside].min()))
-        rows["force_high_n"].append(float(force["true"][inside].max()))
-        lost = inside & (force["true"] < TOUCH_LOST_N) & (force["desired"] > 1.0)
-        rows["contact_lost_s"].append(float(lost.sum() * np.median(np.diff(t))))
+        add("force_rmse_n", rms(error[inside]))
+        add("force_max_n", float(np.max(np.abs(error[inside]))))
+        add("force_est_rmse_n", rms((force["estimate"] - desired)[inside]))
+        add("force_low_n", float(true[inside].min()), min)
+        add("force_high_n", float(true[inside].max()))
+        lost = inside & (true < TOUCH_LOST_N) & (desired > 1.0)
+        add("contact_lost_s", float(lost.sum() * np.median(np.diff(t))))
         if np.isnan(contact):
             continue
-        impact = run.inside(t, contact, contact + IMPACT_S)
-        rows["impact_peak_n"].append(float(force["true"][impact].max()))
+        add("impact_peak_n", float(true[run.inside(t, contact, contact + IMPACT_S)].max()))
         before = run.inside(t, contact, max(run.window[0], contact + 0.01))
-        rows["force_settling_rmse_n"].append(rms(error[before]))
-        far = np.flatnonzero(before & (np.abs(error) > np.maximum(0.5, 0.05 * np.abs(force["desired"]))))
-        rows["settling_s"].append(float(t[far[-1]] - contact) if len(far) else 0.0)
-    for name, values in rows.items():
-        if values:
-            out[name] = min(values) if name == "force_low_n" else max(values)
+        add("force_settling_rmse_n", rms(error[before]))
+        far = np.flatnonzero(before & (np.abs(error) > np.maximum(0.5, 0.05 * np.abs(desired))))
+        add("settling_s", float(t[far[-1]] - contact) if len(far) else 0.0)
+    out.update(worst)
     if run.contact is not None:
         out["contact_s"] = run.contact
         out["contact_to_window_s"] = run.window[0] - run.contact
@@ -156,16 +144,12 @@ def _force(run, out):
             out["force_difference_max_n"] = float(np.max(np.abs(a["true"] - b["true"])[inside]))
 
 
-TOUCH_LOST_N = 0.05
-
-
 def _torque_rate(run, out):
     """Largest rate of the torque requested before the limiter, from contact (or the window) to the window's end."""
     first = min(x for x in (run.contact, run.window[0]) if x is not None)
     rate, hits = 0.0, 0
     for arm in run.arms:
-        t = run.run.get(f"{arm}/command/t")
-        requested = run.run.get(f"{arm}/command/tau_controllet") + run.run.get(f"{arm}/command/tau_feature")
+        t, requested = run.requested_torque(arm)
         inside = run.inside(t, first, run.window[1])
         if not inside.any():
             continue
@@ -180,8 +164,7 @@ def _path(run, out):
     if errors is None:
         return
     t, error = errors
-    columns = [0, 1] if run.measure["path"]["plane"] == "xy" else [0, 1, 2]
-    distance = _norm(error[run.inside(t)][:, columns])
+    distance = run.path_distance(error[run.inside(t)])
     if len(distance):
         out["path_rms_m"], out["path_max_m"] = rms(distance), float(distance.max())
 
@@ -214,7 +197,7 @@ def energy_gain(run, t, energy):
         tm, v = run.run.get(f"{arm}/model/t"), run.run.get(f"{arm}/model/twist_linear")
         if contact is None or tm is None:
             continue
-        velocity = np.column_stack([np.interp(contact[0], tm, v[:, i]) for i in range(3)])
+        velocity = columns_at(contact[0], tm, v)
         power = np.nan_to_num(np.sum(contact[1] * velocity, axis=1))
         work = np.concatenate([[0.0], np.cumsum(power[1:] * np.diff(contact[0]))])
         given += np.interp(t, contact[0], work)
@@ -234,16 +217,13 @@ def _grasp(run, out):
     inside = run.inside(t)
     if not inside.any():
         return
-    start = np.flatnonzero(inside)[0]
-    # Slip: the point of the object that lay at E when the window began, as the hand sees it, across the push.
+    # Slip: motion, across the push and relative to the hand, of the object's point that was at E when the window began.
     slip = 0.0
     for force in run.forces:
         tm, hand, turn = run.pose(force["arm"])
         rows = run.inside(tm) & (tm >= t[0]) & (tm <= t[-1])
         hand, turn = hand[rows], turn[rows]
-        place, attitude = (
-            np.column_stack([np.interp(tm[rows], t, x[:, i]) for i in range(x.shape[1])]) for x in (p, q)
-        )
+        place, attitude = columns_at(tm[rows], t, p), columns_at(tm[rows], t, q)
         attitude /= _norm(attitude)[:, None]
         point = rotate_back(attitude[:1], hand[:1] - place[:1])
         moved = rotate_back(turn, place + rotate(attitude, point) - hand)
@@ -256,12 +236,13 @@ def _grasp(run, out):
     target = run.target(grasp["instance"], grasp["input"])
     if target is not None:
         requested = np.interp(t, target[0], target[1][:, 2])
+        start = np.flatnonzero(inside)[0]
         error = (p[:, 2] - p[start, 2]) - (requested - requested[start])
         out["lift_error_m"] = float(np.max(np.abs(error[inside])))
     lifted = p[inside, 2].max() - p[0, 2]
-    wanted_lift = target[1][:, 2].max() - target[1][0, 2] if target is not None else 0.1
+    whole_lift = target[1][:, 2].max() - target[1][0, 2] if target is not None else 0.1
     held = all(f["true"][run.inside(f["t"])].min() > 0 for f in run.forces)
-    out["held"] = float(held and lifted > 0.25 * wanted_lift)  # with soft gains it sags, but does not fall
+    out["held"] = float(held and lifted > 0.25 * whole_lift)  # with soft gains it sags but does not fall
 
 
 def _loss(run, out):
@@ -320,17 +301,15 @@ def series_of(run):
             "dq": run.state(arm, "dq"),
             "tau": run.torque(arm),
             "x": run.pose(arm)[:2],
-            "f": (force[0], force[1]) if force else None,
-            "f_est": (estimate[0], estimate[1]) if estimate else None,
+            "f": force[:2] if force else None,
+            "f_est": estimate[:2] if estimate else None,
             "c_err": run.control_error(arm),
         }
         if run.measured:
-            series.pop("f")
+            del series["f"]
         for key, pair in series.items():
             if pair is not None and pair[1] is not None:
-                out[arm, key] = np.column_stack(
-                    [np.interp(first + grid, pair[0], pair[1][:, i]) for i in range(pair[1].shape[1])]
-                )
+                out[arm, key] = columns_at(first + grid, *pair)
     return out
 
 
@@ -356,11 +335,9 @@ def difference(a, b):
 
 
 def comparable(a, b):
-    """`a` with its estimated forces as "f" where `b` has none but those."""
-    estimated = {arm for arm, name in b if name == "f_est" and (arm, "f") not in b}
-    own = {arm for arm, name in a if name == "f_est" and (arm, "f") not in a}
+    """`a` with its estimated forces as "f" if `b` has estimates only."""
     out = dict(a)
-    for arm in estimated | own:
+    for arm in {arm for one in (a, b) for arm, name in one if name == "f_est" and (arm, "f") not in one}:
         if (arm, "f_est") in a:
             out[arm, "f"] = a[arm, "f_est"]
         else:

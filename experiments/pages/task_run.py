@@ -43,13 +43,9 @@ class TaskRun:
         out = []
         for item in self.measure.get("force") or []:
             arm, direction = item["arm"], np.array(item["direction"], dtype=float)
-            t = self.run.get(f"{arm}/wrench/t")
-            true, estimate = (
-                metrics.wrench(self.run, arm, "contact", "has_contact_truth"),
-                metrics.wrench(self.run, arm, "estimated", "has_estimate"),
-            )
-            if true is None and self.measured:
-                true = estimate
+            t, true = self.run.get(f"{arm}/wrench/t"), metrics.wrench(self.run, arm, "contact", "has_contact_truth")
+            estimate = metrics.wrench(self.run, arm, "estimated", "has_estimate")
+            true = estimate if true is None and self.measured else true
             if t is None or true is None:
                 raise ValueError(f"the log of {self.entry['name']} has no contact force of arm {arm}")
             topic = f"{item['instance']}/outputs/{item['desired']}"
@@ -59,25 +55,15 @@ class TaskRun:
                     raise ValueError(f"the log of {self.entry['name']} has no output {topic}")
                 t_desired, desired = t, np.full(len(t), item["desired_n"])
             desired = desired[:, 0] if desired.ndim > 1 else desired
-            out.append(
-                {
-                    "arm": arm,
-                    "t": t,
-                    "direction": direction,
-                    "true": true[1] @ direction,
-                    "estimate": estimate[1] @ direction if estimate is not None else np.full(len(t), np.nan),
-                    "desired": np.interp(t, t_desired, desired, left=np.nan, right=np.nan),
-                }
-            )
+            force = {"arm": arm, "t": t, "direction": direction, "true": true[1] @ direction}
+            force["estimate"] = estimate[1] @ direction if estimate is not None else np.full(len(t), np.nan)
+            out.append(force | {"desired": np.interp(t, t_desired, desired, left=np.nan, right=np.nan)})
         return out
 
     @cached_property
     def contact_times(self):
         """Time of each arm's first contact in `force` [s]; NaN: never."""
-        times = []
-        for force in self.forces:
-            times.append(first_touch(force["t"], force["true"], self.measured))
-        return times
+        return [first_touch(force["t"], force["true"], self.measured) for force in self.forces]
 
     @cached_property
     def contact(self):
@@ -142,15 +128,15 @@ class TaskRun:
         if not found:
             return None
         entry = found[0]
-        topic = next(
-            name.rpartition("/")[0]
-            for name in sorted(self.run.names)
-            if name.startswith(f"{entry['instance']}/") and name.endswith("/kind")
-        )
-        rate = self.run.get(f"{topic}/rate")[: len(entry["t"])]
+        rate = self.run.get(f"{entry['topic']}/rate")[: len(entry["t"])]
         t, dq = self.state(arm, "dq")
         rows = np.searchsorted(t, entry["t"])
         return entry["t"], entry["error"], rate - dq[np.minimum(rows, len(t) - 1)]
+
+    def requested_torque(self, arm):
+        """t, torque of controllet and features, before the limiter."""
+        controllet, feature = (self.run.get(f"{arm}/command/tau_{name}") for name in ("controllet", "feature"))
+        return self.run.get(f"{arm}/command/t"), controllet + feature
 
     def pose(self, arm):
         """t, p_WE (N x 3), quaternion w x y z (N x 4)."""
@@ -185,19 +171,18 @@ class TaskRun:
         if target is None:
             return None
         t, p, _ = self.pose(path["arm"])
-        rows = np.searchsorted(target[0], t)
-        rows = np.minimum(rows, len(target[0]) - 1)
+        rows = np.minimum(np.searchsorted(target[0], t), len(target[0]) - 1)
         found = np.abs(target[0][rows] - t) < 1e-6
         return t[found], target[1][rows[found], :3] - p[found]
 
+    def path_distance(self, errors):
+        """Length of path errors (N x 3), along the surface alone if the path is in its plane."""
+        return np.linalg.norm(errors[:, :2] if self.measure["path"]["plane"] == "xy" else errors, axis=1)
+
     def output(self, instance, name):
         """t, values (N) or (N x k) of a controllet's output; None: it has none."""
-        values = self.run.get(f"{instance}/outputs/{name}/values")
-        if values is None:
-            return None
-        return self.run.get(f"{instance}/outputs/{name}/t"), values[:, 0] if values.ndim > 1 and values.shape[
-            1
-        ] == 1 else values
+        values, t = (self.run.get(f"{instance}/outputs/{name}/{leaf}") for leaf in ("values", "t"))
+        return None if values is None else (t, values[:, 0] if values.ndim > 1 and values.shape[1] == 1 else values)
 
     @property
     def main_instance(self):
@@ -222,7 +207,7 @@ class TaskRun:
 
 
 def first_touch(t, force, estimated):
-    """Time of the first contact by a force along its direction [s]; NaN: never. An estimate has to last."""
+    """Time of the first contact by a force along its direction [s]; NaN: never. An estimate must persist."""
     if not estimated:
         touching = np.flatnonzero(force > TOUCHING_N)
         return float(t[touching[0]]) if len(touching) else float("nan")

@@ -13,7 +13,7 @@ def by_correlation(t_sent, sent, t_used, used, window=None, lags=(-0.003, 0.012)
     sent, used = np.asarray(sent, dtype=float), np.asarray(used, dtype=float)
     stamps = np.union1d(t_sent, t_used)
     first, last = window if window is not None else (stamps[0], stamps[-1])
-    # Where both series are known at every lag.
+    # Only stamps at which both series are known for every lag.
     first = max(first, t_sent[0] + max(lags[1], 0.0), t_used[0])
     last = min(last, t_sent[-1] + min(lags[0], 0.0), t_used[-1])
     stamps = stamps[(stamps >= first) & (stamps < last)]
@@ -54,7 +54,7 @@ def by_correlation(t_sent, sent, t_used, used, window=None, lags=(-0.003, 0.012)
 def by_correlation_in_windows(t_sent, sent, t_used, used, length=1.0, **options):
     """The same for each whole stretch of `length` [s]: a distribution instead of one number."""
     begin, end = max(t_sent[0], t_used[0]), min(t_sent[-1], t_used[-1])
-    count = max(int((end - begin) / length + 0.01), 1)  # the last one may lack its last stamps
+    count = max(int((end - begin) / length + 0.01), 1)  # the last window may lack its last stamps
     found = [
         by_correlation(t_sent, sent, t_used, used, (begin + i * length, begin + (i + 1) * length), **options)
         for i in range(count)
@@ -77,7 +77,7 @@ def by_sequence(sequence, sent, used, period, largest=20, tolerance=0.0):
     delay = np.full(n, np.nan)
     unique = np.ones(n, dtype=bool)
     unique[1:] = np.any(sent[1:n] != sent[: max(n - 1, 0)], axis=1) if n > 1 else True
-    for packets in range(largest, 0, -1):  # the earliest is written last
+    for packets in range(largest, 0, -1):  # descending, so that the earliest match remains
         rows = np.searchsorted(sequence, sequence[:n] + packets)
         inside = rows < len(sequence)
         rows = np.minimum(rows, len(sequence) - 1)

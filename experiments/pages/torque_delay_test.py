@@ -9,7 +9,7 @@ import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
 
-from experiments.pages import torque_delay  # noqa: E402
+from experiments.pages import torque_delay
 
 
 class Signal:

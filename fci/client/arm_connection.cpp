@@ -13,18 +13,6 @@
 namespace multipanda::fci {
 namespace {
 
-std::array<double, 16> column_major(const Pose& X) {
-  std::array<double, 16> T{};
-  for (std::size_t column = 0; column < 3; ++column) {
-    for (std::size_t row = 0; row < 3; ++row) {
-      T[4 * column + row] = X.rotation(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(column));
-    }
-    T[12 + column] = X.position[static_cast<Eigen::Index>(column)];
-  }
-  T[15] = 1;
-  return T;
-}
-
 std::string who(const ArmConnectionOptions& options) {
   return options.name.empty() ? "arm at " + options.address : "arm " + options.name;
 }
@@ -60,7 +48,7 @@ void ArmConnection::connect() {
       refuse(ConnectionError::Kind::incompatible,
              "it has version " + std::to_string(offered) + " of the protocol, but the scene requests " +
                  std::to_string(version) +
-                 (spoken ? ": leave the version out, or set it to " + std::to_string(offered)
+                 (spoken ? ": omit the version, or set it to " + std::to_string(offered)
                          : "; versions 4 to 10 are supported: update the arm's system or this program"));
     }
     version = offered;
@@ -83,7 +71,8 @@ void ArmConnection::connect() {
   }
 }
 
-// The refusal of the first version has closed the connection; an arm may need a moment to take the next one.
+// The refusal of the first version closed the connection; an arm may need a moment before it accepts the
+// next one.
 bool ArmConnection::try_offered_version(int version, int& offered) {
   constexpr int kTries = 10;
   constexpr std::chrono::milliseconds kPause{100};
@@ -151,7 +140,9 @@ bool ArmConnection::look_for_state(double timeout_s) {
     const double left = timeout_s - seconds(host_now() - begun);
     if (left <= 0) return false;
     if (options_.loop_reads_states) {
+      (void)gaps().look();
       std::this_thread::sleep_for(std::chrono::microseconds(200));
+      (void)gaps().look();
     } else {
       pollfd watched{.fd = port_.file(), .events = POLLIN, .revents = 0};
       (void)::poll(&watched, 1, std::max(1, static_cast<int>(left * 1e3)));
@@ -192,7 +183,8 @@ Status ArmConnection::status_of_reply(Command command, const TcpChannel::Reply& 
       decode_reply(*dialect_, command, reply.payload, status, rest) != WireResult::ok) {
     close();
     refuse(ConnectionError::Kind::protocol, "its answer to " + std::string(info(command).name) +
-                                                " is none of version " + std::to_string(dialect_->version));
+                                                " is not valid in version " +
+                                                std::to_string(dialect_->version));
   }
   return status;
 }

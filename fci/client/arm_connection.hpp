@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
+#include "arm_interface/arm_interface.hpp"
 #include "core/rt/triple_buffer.hpp"
 #include "core/types/spatial.hpp"
-#include "device/arm_interface.hpp"
-#include "fci/client/arm_state_text.hpp"
+#include "fci/client/arm_mode.hpp"
 #include "fci/client/tcp_channel.hpp"
 #include "fci/client/udp_port.hpp"
 #include "fci/wire/requests.hpp"
@@ -24,15 +24,15 @@ struct ArmConnectionOptions {
   int version = 0;  // of the protocol, 4 to 10; 0: the newest that the arm supports
   double connect_timeout_s = 1;
   double state_timeout_s = 1;      // of a wait for a state, unless the call gives its own
-  double reply_timeout_s = 3;      // of every request but the next two
-  double recovery_timeout_s = 15;  // the brakes may have to open
+  double reply_timeout_s = 3;      // of all requests except the next two
+  double recovery_timeout_s = 15;  // brakes may have to open
   double model_timeout_s = 10;
-  // True: a loop on another thread calls receive() all the time, and requests look at copies of its states.
-  // False: requests read states themselves, and everything happens on one thread.
+  // True: a loop on another thread calls receive() continuously, and requests use copies of its states.
+  // False: requests read states themselves, everything on one thread.
   bool loop_reads_states = false;
 };
 
-// How a motion ended.
+// Outcome of a motion.
 struct MotionOutcome {
   Status status = Status::success;
   std::string text;  // the reason; empty: as commanded
@@ -40,13 +40,13 @@ struct MotionOutcome {
 
 // The connection to one arm: the whole control interface, for protocol versions 4 to 10. Requests
 // (TCP) wait for their answer and belong to one thread, off the loop; receive() and send() (UDP) never wait,
-// allocate, lock or throw and belong to one thread too, the same or another (ArmConnectionOptions).
+// allocate, lock or throw and also belong to one thread, the same or another (ArmConnectionOptions).
 //
 // All requests throw ConnectionError with the arm, the reason and the remedy. A fatal error closes the
 // connection; connect() may be called again.
 class ArmConnection {
  public:
-  // Opens the UDP port, nothing else. Throws std::invalid_argument (version), std::runtime_error (no port).
+  // Only opens the UDP port. Throws std::invalid_argument (version), std::runtime_error (no port).
   explicit ArmConnection(ArmConnectionOptions options);
 
   // --- connection ---
@@ -55,6 +55,7 @@ class ArmConnection {
   void connect();
   void close() noexcept;
   bool is_connected() const { return channel_.is_open(); }
+  GapWatch& gaps() const { return channel_.gaps(); }  // of the requests' thread
   int version() const { return dialect_ == nullptr ? 0 : dialect_->version; }
   const Dialect& dialect() const { return *dialect_; }  // after connect()
   const std::string& name() const { return options_.name; }
@@ -72,7 +73,7 @@ class ArmConnection {
   // --- settings; most arms take them only while no motion runs ---
   // Thresholds [N m], [N, N m]: the arm reports contact above the lower ones and stops above the upper ones.
   void set_collision_behavior(const SetCollisionBehaviorRequest& thresholds);
-  // The same in motion as at rest.
+  // The same thresholds in motion and at rest.
   void set_collision_behavior(const std::array<double, 7>& lower_torque,
                               const std::array<double, 7>& upper_torque,
                               const std::array<double, 6>& lower_force,
@@ -99,10 +100,10 @@ class ArmConnection {
   void wait_until_running(std::optional<double> timeout_s = {});
   bool has_motion() const {
     return motion_.has_value();
-  }  // a motion was started and its end is not yet known
+  }  // a motion was started and its end is still unknown
   // Checks, without waiting, whether the running motion's end was reported. Throws if the connection is lost.
   std::optional<MotionOutcome> poll_motion();
-  // The end of the motion; throws ConnectionError::timeout if it still runs then (and stays connected).
+  // The end of the motion; on a timeout throws ConnectionError::timeout and stays connected.
   MotionOutcome wait_for_end(double timeout_s);
   // Ends the running motion, if any, and waits until the arm is idle.
   void stop();
@@ -116,12 +117,12 @@ class ArmConnection {
 
   // --- loop ---
   int udp_file() const { return port_.file(); }
-  bool receive() noexcept;  // takes what has arrived; true: newest() is newer than before
+  bool receive() noexcept;  // takes received packets; true: newest() has changed
   const RobotState& newest() const noexcept { return port_.state(); }
   HostTime received_at() const noexcept { return port_.received_at(); }
-  bool is_stale() const noexcept { return port_.is_stale(); }                // newest() is not to be acted on
+  bool is_stale() const noexcept { return port_.is_stale(); }                // newest() is outdated
   bool send(RobotCommand& command) noexcept { return port_.send(command); }  // answers newest()
-  // The running motion's command that ends it: its flag depends on version and generator.
+  // The command that ends the running motion: its flag depends on version and generator.
   static void mark_finished(const Dialect& dialect, bool has_generator, RobotCommand& command) noexcept;
 
   // --- any thread ---
@@ -143,9 +144,9 @@ class ArmConnection {
   TcpChannel channel_;
   UdpPort port_;
   const Dialect* dialect_ = nullptr;
-  int spoken_version_ = 0;           // by the arm in an earlier connection; 0: not known
+  int spoken_version_ = 0;           // protocol version of an earlier connection; 0: unknown
   TripleBuffer<RobotState> copies_;  // loop -> requests
-  RobotState seen_;                  // by the requests' thread
+  RobotState seen_;                  // used by the requests' thread
 
   struct Motion {
     std::uint32_t command_id = 0;

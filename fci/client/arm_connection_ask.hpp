@@ -2,7 +2,7 @@
 
 // Private to arm_connection.cpp and arm_motion.cpp: sends a request and evaluates its answer.
 #include "fci/client/arm_connection.hpp"
-#include "fci/client/arm_state_text.hpp"
+#include "fci/client/arm_mode.hpp"
 
 namespace multipanda::fci {
 
@@ -44,9 +44,8 @@ std::vector<std::byte> ArmConnection::ask(const Request& request, const char* wh
       break;
     case Status::manual_recovery_required:
       why =
-          "the arm must be moved by hand first (it is beyond a limit): unlock it in "
-          "the "
-          "arm's web interface, move it, then recover again";
+          "the arm must be moved by hand first (it is beyond a limit): unlock it in the arm's web interface, "
+          "move it, then recover again";
       break;
     default:
       why = text(status);

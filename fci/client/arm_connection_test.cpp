@@ -1,6 +1,7 @@
 // One arm's connection against a fake arm whose answers the test sets.
 #include "fci/client/arm_connection.hpp"
 
+#include <netinet/in.h>
 #include <random>
 #include <sys/socket.h>
 #include <thread>
@@ -450,6 +451,31 @@ TEST(ArmConnection, AWrongFirstNumberIsGivenUpForTwoThatFollowEachOther) {
   EXPECT_FALSE(takes(3)) << "old";
   EXPECT_TRUE(takes(1005));
   ::close(socket);
+}
+
+// An arm that refuses a version may close or reset the connection before this end has looked.
+class ClosedByTheArm : public testing::TestWithParam<bool> {};
+INSTANTIATE_TEST_SUITE_P(, ClosedByTheArm, testing::Bool());
+TEST_P(ClosedByTheArm, AReplyIsReadAlthoughTheConnectionIsClosed) {
+  const int listener = ::socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in here{
+      .sin_family = AF_INET, .sin_port = 0, .sin_addr = {htonl(INADDR_LOOPBACK)}, .sin_zero = {}};
+  socklen_t size = sizeof(here);
+  ASSERT_EQ(::bind(listener, reinterpret_cast<const sockaddr*>(&here), size), 0);
+  ASSERT_EQ(::listen(listener, 1), 0);
+  ASSERT_EQ(::getsockname(listener, reinterpret_cast<sockaddr*>(&here), &size), 0);
+  TcpChannel channel(HeaderKind::arm, "left");
+  channel.connect("127.0.0.1", ntohs(here.sin_port), kPatience);
+  const int arm = ::accept(listener, nullptr, nullptr);
+  std::array<std::byte, kMaxPlainReplySize> bytes{};
+  const std::size_t length = encode_connect_reply(0, Status::incompatible_version, 5, bytes);
+  ASSERT_EQ(::send(arm, bytes.data(), length, 0), static_cast<ssize_t>(length));
+  const linger at_once{.l_onoff = GetParam() ? 1 : 0, .l_linger = 0};
+  ASSERT_EQ(::setsockopt(arm, SOL_SOCKET, SO_LINGER, &at_once, sizeof(at_once)), 0);
+  ::close(arm);
+  ::close(listener);
+  EXPECT_EQ(channel.wait(0, kPatience, "Connect").payload.size(), length - header_size(HeaderKind::arm));
+  EXPECT_EQ(refusal([&] { channel.wait(1, kPatience, "Move"); }).kind(), ConnectionError::Kind::lost);
 }
 
 TEST(ArmConnection, TheVersionIsFoundWithRetriesAndRemembered) {

@@ -8,7 +8,7 @@
 #include <unistd.h>
 
 #include "core/types/time.hpp"
-#include "fci/client/arm_state_text.hpp"
+#include "fci/client/arm_mode.hpp"
 
 namespace multipanda::fci {
 namespace {
@@ -88,12 +88,11 @@ ArmIdentity ArmDriver::identity() const {
 
 // --- commander ---
 
-std::future<RequestAnswer> ArmDriver::post(Work work, bool ages) {
-  Task task{std::move(work), {}, host_now(), ages};
+std::future<RequestAnswer> ArmDriver::post(Task task, bool next) {
   auto future = task.promise.get_future();
   {
     const std::lock_guard lock(mutex_);
-    tasks_.push_back(std::move(task));
+    tasks_.insert(next ? tasks_.begin() : tasks_.end(), std::move(task));
   }
   (void)::eventfd_write(wake_, 1);
   return future;
@@ -103,7 +102,10 @@ void ArmDriver::run() {
   while (true) {
     std::array<pollfd, 2> watched{{{.fd = wake_, .events = POLLIN, .revents = 0},
                                    {.fd = link_.tcp_file(), .events = POLLIN, .revents = 0}}};
-    (void)::poll(watched.data(), watched.size(), -1);
+    constexpr int kSliceMs = 100;  // for the look at gaps
+    (void)link_.gaps().look();
+    (void)::poll(watched.data(), watched.size(), kSliceMs);
+    (void)link_.gaps().look();
     eventfd_t count = 0;
     (void)::eventfd_read(wake_, &count);
     watch();
@@ -135,7 +137,9 @@ bool ArmDriver::do_next_task() {
     tasks_.pop_front();
     if (ending_) task.work = [] { return RequestAnswer{false, "the backend is being closed"}; };
   }
-  if (task.ages && seconds(host_now() - task.posted) >= options_.request_patience_s) {
+  const HostTime now = host_now();
+  if (task.ages && (seconds(now - task.posted) >= options_.request_patience_s ||
+                    is_past(task.begin_by, now) || task.posted < link_.gaps().end())) {
     task.work = [this] { return RequestAnswer{false, config_.name + ": " + kRequestTooOld}; };
   }
   task.promise.set_value(guarded(task.work));
@@ -204,7 +208,7 @@ std::future<RequestAnswer> ArmDriver::prepare() {
 
 std::future<RequestAnswer> ArmDriver::begin() {
   return post([this] {
-    if (configured_) start_requested_motion();  // an arm found in a reflex begins when it is recovered
+    if (configured_) start_requested_motion();  // an arm found in a reflex starts once it is recovered
     return RequestAnswer{true, {}};
   });
 }
@@ -239,13 +243,21 @@ std::future<RequestAnswer> ArmDriver::request(GripperRequest request) {
 }
 
 std::future<RequestAnswer> ArmDriver::request(ArmRequest request) {
-  if (std::holds_alternative<RecoverFromError>(request)) return post_request([this] { return recover(); });
-  if (std::holds_alternative<Reconnect>(request)) return post_request([this] { return reconnect(); });
-  if (std::holds_alternative<StopMotion>(request)) return post([this] { return stop(); });  // never too late
+  const HostTime now = host_now();
+  const auto post_request = [&](Work work) {
+    return post({std::move(work), {}, now, true, request.begin_by});
+  };
+  if (std::holds_alternative<RecoverFromError>(request))
+    return post_request([this, now] { return recover(now); });
+  if (std::holds_alternative<Reconnect>(request)) return post_request([this, now] { return reconnect(now); });
+  if (std::holds_alternative<StopMotion>(request)) {  // never too late, and before all that waits
+    stopped_ns_.store(now.ns, std::memory_order_release);
+    return post({[this] { return stop(); }, {}, now}, true);
+  }
   if (std::holds_alternative<SetUserStop>(request)) {
     return refuse_request("a real arm does not support this request: it is for simulated arms");
   }
-  return post_request([this, request = std::move(request)] {
+  return post_request([this, request] {
     if (!takes_part()) refuse("it is not connected: " + ctl_command("reconnect"));
     apply_beside_motion(request);
     return RequestAnswer{true, {}};
@@ -274,8 +286,7 @@ void ArmDriver::start_requested_motion() {
   enter(Phase::running);
 }
 
-// The loop requests another motion than the one that was started. If the arm is not ready, its recovery
-// starts the motion.
+// The loop requests a different motion. If the arm is not ready, its recovery starts the motion.
 void ArmDriver::change_motion() {
   if (handled_motion_ == requested_motion_.load(std::memory_order_acquire)) return;
   handled_motion_ = requested_motion_.load(std::memory_order_acquire);
@@ -295,7 +306,18 @@ void ArmDriver::change_motion() {
   if (!answer.success) notify(answer.reason);
 }
 
-RequestAnswer ArmDriver::recover() {
+// A motion that somebody asked for, unless somebody stopped it or the program has stood still since.
+void ArmDriver::start_motion_of(HostTime asked) {
+  const bool stopped = asked.ns < stopped_ns_.load(std::memory_order_acquire);
+  if (stopped || asked < link_.gaps().look()) {  // also since the last wait
+    enter(Phase::stopped);
+    refuse((stopped ? std::string("somebody has stopped its motion since") : kStoodStill) + ": run " +
+           ctl_command("recover"));
+  }
+  start_requested_motion();
+}
+
+RequestAnswer ArmDriver::recover(HostTime asked) {
   if (!takes_part()) refuse("it is not connected: " + ctl_command("reconnect"));
   watch();
   if (!takes_part()) refuse("its connection has just been lost: " + ctl_command("reconnect"));
@@ -318,11 +340,11 @@ RequestAnswer ArmDriver::recover() {
       throw;
     }
   }
-  start_requested_motion();
+  start_motion_of(asked);
   return {true, {}};
 }
 
-RequestAnswer ArmDriver::reconnect() {
+RequestAnswer ArmDriver::reconnect(HostTime asked) {
   if (left_) refuse("its run has ended, and nothing would answer it: start the run again");
   watch();
   const auto before = link_.statistics().received;
@@ -333,7 +355,7 @@ RequestAnswer ArmDriver::reconnect() {
   link_.close();
   connect_and_configure();
   if (!configured_) refuse(in_reflex(link_.look()));
-  start_requested_motion();
+  start_motion_of(asked);
   return {true, {}};
 }
 
@@ -407,7 +429,7 @@ void ArmDriver::hold(bool last) noexcept {
   send_torque(tau);
 }
 
-// Counted from the torque in use.
+// Relative to the torque in use.
 const JointVector& ArmDriver::limited(const JointVector& tau) noexcept {
   const Eigen::Map<const Vector7> shown(newest().tau_J_d.data());
   if (commanded_) {

@@ -9,9 +9,9 @@
 #include <string>
 #include <thread>
 
+#include "arm_interface/command_success.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/safety/torque_limiter.hpp"
-#include "device/command_success.hpp"
 #include "fci/client/arm_connection.hpp"
 #include "fci/client/arm_mode.hpp"
 #include "fci/client/arm_packet.hpp"
@@ -20,7 +20,7 @@
 
 namespace multipanda::fci {
 
-// One arm of FciBackend: its connection, its commander (the thread that uses TCP), and the loop's view of it.
+// One arm of FciBackend: its connection, its commander (the thread for TCP), and its interface to the loop.
 // Loop and commander share only atomics and a triple buffer of states.
 class ArmDriver {
  public:
@@ -28,7 +28,7 @@ class ArmDriver {
   ~ArmDriver();  // closes after the current request
   ArmDriver(const ArmDriver&) = delete;
 
-  // --- any thread; carried out by the commander, in order ---
+  // --- any thread; executed by the commander, in order, but a stop of the motion next ---
   std::future<RequestAnswer> prepare();  // connects, checks and configures the arm
   std::future<RequestAnswer> begin();    // starts torque control
   std::future<RequestAnswer> leave(
@@ -44,7 +44,7 @@ class ArmDriver {
   // --- loop ---
   int udp_file() const { return link_.udp_file(); }
   void receive() noexcept;
-  bool is_unread() const { return unread_; }  // a state that the loop has not read yet
+  bool is_unread() const { return unread_; }  // a state not yet read by the loop
   void mark_read() { unread_ = false; }
   const RobotState& newest() const noexcept { return link_.newest(); }
   // Whether the arm is connected and configured.
@@ -54,7 +54,7 @@ class ArmDriver {
   // Requests another kind of motion; none: the arm holds itself. The commander starts it.
   void request_motion(ArmMotion motion) noexcept;
   ArmMotion motion() const noexcept { return motion_.load(std::memory_order_acquire); }  // started last
-  // Answers newest() in a motion that is not torque. The command is sent unchecked.
+  // Answers newest() in a motion other than torque. The command is sent unchecked.
   void command(RobotCommand& command) noexcept;
   // The answer to newest(), if the arm is in `move`. An invalid torque is not sent and stops the motion.
   void command(const JointVector& tau_cmd) noexcept;
@@ -78,7 +78,8 @@ class ArmDriver {
     Work work;
     std::promise<RequestAnswer> promise;
     HostTime posted;
-    bool ages = false;  // refused after FciOptions::request_patience_s
+    bool ages = false;  // refused after FciOptions::request_patience_s, and after a gap (GapWatch)
+    BeginBy begin_by = {};
   };
   Phase phase() const { return phase_.load(std::memory_order_acquire); }
   void enter(Phase phase) { phase_.store(phase, std::memory_order_release); }
@@ -88,8 +89,8 @@ class ArmDriver {
   void send_torque(const JointVector& tau) noexcept;
 
   // Commander
-  std::future<RequestAnswer> post(Work work, bool ages = false);
-  std::future<RequestAnswer> post_request(Work work) { return post(std::move(work), true); }
+  std::future<RequestAnswer> post(Work work) { return post({std::move(work), {}, host_now()}); }
+  std::future<RequestAnswer> post(Task task, bool next = false);
   void run();
   bool do_next_task();
   void watch();
@@ -108,7 +109,7 @@ class ArmDriver {
   void set_load(const Load& load);
   void confirm_load(const Load& load);
   void apply(const ArmRequest& request);
-  // Each tells the arm, and remembers what it has accepted.
+  // Each sets the value on the arm and stores the accepted one.
   void set(const SetLoad& request);
   void set(const SetFrames& request);
   void set(const SetJointStiffness& request);
@@ -120,15 +121,16 @@ class ArmDriver {
   void send_load();
   std::string unknown_load() const;
   void apply_beside_motion(const ArmRequest& request);
-  RequestAnswer recover();
-  RequestAnswer reconnect();
+  void start_motion_of(HostTime asked);
+  RequestAnswer recover(HostTime asked);
+  RequestAnswer reconnect(HostTime asked);
   RequestAnswer stop();
   void notify(const std::string& text) const;
   [[noreturn]] void refuse(const std::string& text) const;
   std::string ctl_command(const char* word) const;  // "`multipanda ctl recover left`"
 
-  // Sent at the start and after each reconnection: the scene's, and what requests of this run have changed
-  // since, which an arm that was switched off has forgotten.
+  // Sent at the start and after each reconnection: the scene's settings and later changes by requests, which
+  // an arm loses when switched off.
   struct Settings {
     explicit Settings(const FciArmConfig& scene)
         : frames(scene.frames),
@@ -142,7 +144,7 @@ class ArmDriver {
     std::optional<JointVector> joint_stiffness;
     std::optional<Vector6> cartesian_stiffness;
     std::optional<SetCollisionThresholds> thresholds;
-    std::string changed;  // names of what requests have changed
+    std::string changed;  // names of settings changed by requests
   };
 
   const FciArmConfig config_;
@@ -153,13 +155,14 @@ class ArmDriver {
   std::unique_ptr<EndEffector> end_effector_;
   std::atomic<bool> end_effector_connected_{false};
   std::atomic<Phase> phase_{Phase::offline};
-  std::atomic<bool> stop_requested_{false};         // by the loop
-  std::atomic<double> low_success_{1};              // by the loop: share to be reported; 1: none
-  std::atomic<ArmMotion> requested_motion_;         // by the loop
-  std::atomic<ArmMotion> motion_{ArmMotion::none};  // started last, by the commander
-  ArmMotion handled_motion_;                        // commander: the last request that it handled
-  bool configured_ = false;  // commander: false in a reflex that was found when connecting
-  bool left_ = false;        // commander: no loop answers the arm any longer
+  std::atomic<bool> stop_requested_{false};         // set by the loop
+  std::atomic<std::int64_t> stopped_ns_{0};         // when a stop of its motion was asked for last
+  std::atomic<double> low_success_{1};              // set by the loop: share to be reported; 1: none
+  std::atomic<ArmMotion> requested_motion_;         // set by the loop
+  std::atomic<ArmMotion> motion_{ArmMotion::none};  // motion started last; set by the commander
+  ArmMotion handled_motion_;                        // commander: the last handled request
+  bool configured_ = false;                         // commander: false if connecting found a reflex
+  bool left_ = false;                               // commander: no loop answers the arm any more
 
   mutable std::mutex mutex_;  // never locked by the loop
   std::deque<Task> tasks_;
@@ -172,8 +175,8 @@ class ArmDriver {
   RobotCommand command_;
   bool unread_ = false;
   bool commanded_ = false;  // torques were sent in the running motion
-  bool refused_ = false;    // a torque was invalid; until the motion has ended
-  TorqueLimiter limiter_;   // of hold() and of a motion's first torque; with FciArmConfig::limit_rate of all
+  bool refused_ = false;    // an invalid torque was sent; until the motion has ended
+  TorqueLimiter limiter_;   // for hold() and a motion's first torque; with FciArmConfig::limit_rate for all
   CommandSuccess success_;
   PostureHold posture_;
   int held_packets_ = 0;

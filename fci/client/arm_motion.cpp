@@ -66,8 +66,7 @@ void ArmConnection::start_motion(const MotionRequest& request) {
     if (move.generator != MoveGenerator::joint_position ||
         move.controller != MoveController::joint_impedance || request.dq_max.size() != 7) {
       throw std::invalid_argument(
-          "asynchronous motion needs joint positions, joint impedance and seven maximum "
-          "velocities");
+          "asynchronous motion needs joint positions, joint impedance and seven maximum velocities");
     }
     move.use_async_motion_generator = true;
     Eigen::Map<Eigen::Matrix<double, 7, 1>>(move.maximum_velocity.data()) = request.dq_max;
@@ -168,7 +167,7 @@ void ArmConnection::stop() {
   (void)wait_for_state(is_idle);
   (void)poll_motion();
   if (!motion_) return;
-  channel_.forget(motion_->command_id);  // its end may be reported later, or never
+  channel_.forget(motion_->command_id);  // its end may be reported later or never
   motion_.reset();
 }
 

@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "core/state/load_ramp.hpp"
+
 namespace multipanda::fci {
 namespace {
 
@@ -11,23 +13,6 @@ void copy(const std::array<double, 7>& from, JointVector& to) { to = Eigen::Map<
 
 Load body(double mass, const std::array<double, 3>& com, const std::array<double, 9>& inertia) {
   return {mass, Eigen::Map<const Vector3>(com.data()), Eigen::Map<const Matrix3>(inertia.data())};
-}
-
-// Parallel axes: inertia of a point of mass m at p about the origin.
-Matrix3 at_point(double mass, const Vector3& p) {
-  return mass * (p.squaredNorm() * Matrix3::Identity() - p * p.transpose());
-}
-
-Load combined(const Load& a, const Load& b, double sign) {
-  constexpr double kNothing = 1e-5;  // [kg]: single precision of a hand's mass is 3e-8
-  Load sum;
-  const double mass = a.mass + sign * b.mass;
-  if (std::abs(mass) < kNothing) return sum;
-  sum.mass = mass;
-  sum.p_FC = (a.mass * a.p_FC + sign * b.mass * b.p_FC) / mass;
-  sum.inertia_C = a.inertia_C + at_point(a.mass, a.p_FC) + sign * (b.inertia_C + at_point(b.mass, b.p_FC)) -
-                  at_point(mass, sum.p_FC);
-  return sum;
 }
 
 // Bit i: level i is not zero.
@@ -63,27 +48,8 @@ void fill_report(const RobotState& packet, InterfaceReport& report) {
 
 }  // namespace
 
-Pose pose_of(const std::array<double, 16>& T) {
-  Pose X;
-  for (Eigen::Index column = 0; column < 3; ++column) {
-    X.rotation.col(column) = Eigen::Map<const Vector3>(T.data() + 4 * column);
-  }
-  X.position = Eigen::Map<const Vector3>(T.data() + 12);
-  return X;
-}
-
-Pose with_proper_rotation(const Pose& X) {
-  // Newton's iteration for the orthogonal factor of the polar decomposition; quadratic, from 1e-4.
-  Pose nearest = X;
-  for (int k = 0; k < 3; ++k) {
-    const Matrix3 excess = nearest.rotation.transpose() * nearest.rotation;
-    nearest.rotation = nearest.rotation * (1.5 * Matrix3::Identity() - 0.5 * excess);
-  }
-  return Pose::from(nearest.position, nearest.quaternion());
-}
-
-Load without(const Load& whole, const Load& part) { return combined(whole, part, -1); }
-Load with(const Load& a, const Load& b) { return combined(a, b, 1); }
+Load without(const Load& whole, const Load& part) { return combined(whole, 1, part, -1); }
+Load with(const Load& a, const Load& b) { return combined(a, 1, b, 1); }
 Load end_effector_of(const RobotState& packet) { return body(packet.m_ee, packet.F_x_Cee, packet.I_ee); }
 Load payload_of(const RobotState& packet) { return body(packet.m_load, packet.F_x_Cload, packet.I_load); }
 
@@ -96,9 +62,6 @@ void ArmPacket::fill(const RobotState& packet, bool commanded, ArmState& state) 
   copy(packet.tau_J_d, state.tau_J_d);
   if (!commanded) state.tau_J_d.setZero();  // a torque motion starts at zero
   copy(packet.tau_ext_hat_filtered, state.tau_ext_hat);
-  state.has_wrench_estimate = true;
-  state.F_K_W_est.force() = R_WB_ * Eigen::Map<const Vector3>(packet.O_F_ext_hat_K.data());
-  state.F_K_W_est.torque() = R_WB_ * Eigen::Map<const Vector3>(packet.O_F_ext_hat_K.data() + 3);
   state.has_contact_truth = false;
 
   const Configuration now{packet.F_T_EE, packet.EE_T_K, packet.m_ee,    packet.m_load,
@@ -114,6 +77,12 @@ void ArmPacket::fill(const RobotState& packet, bool commanded, ArmState& state) 
   state.frames = frames_;
   state.tool = tool_;
   state.load = load_;
+
+  // O_F_ext_hat_K would need a shift, since its moment is about the base's origin.
+  const Matrix3 R_WK = R_WB_ * pose_of(packet.O_T_EE).rotation * frames_.X_EK.rotation;
+  state.has_wrench_estimate = true;
+  state.F_K_W_est.force() = R_WK * Eigen::Map<const Vector3>(packet.K_F_ext_hat_K.data());
+  state.F_K_W_est.torque() = R_WK * Eigen::Map<const Vector3>(packet.K_F_ext_hat_K.data() + 3);
 
   state.errors = flags(packet.errors);
   state.command_success_rate = packet.control_command_success_rate;

@@ -8,16 +8,16 @@
 
 namespace multipanda::fci {
 
-// One arm's packets as the loop's ArmState: the vendor map of CONVENTIONS.md. Forces are rotated from base
-// axes to world axes.
+// One arm's packets as the loop's ArmState: the vendor map of CONVENTIONS.md. The wrench stays about K and is
+// rotated from K's axes to world axes.
 class ArmPacket {
  public:
-  // `hand`: the load behind the flange in the controllers' model, by the figures that arms declare for it.
+  // `hand`: the load behind the flange in the controllers' model, with the figures declared by arms.
   // ArmState::tool is the difference from the end effector that the arm declares, so that model and tool
   // match what the arm compensates. Its mass is negative if the arm declares less.
   ArmPacket(const Pose& X_WB, const Load& hand) : R_WB_(X_WB.rotation), hand_(hand) {}
 
-  // Fills all but mode, gripper and host time. Does not allocate. `tau_J_d` is filled only during
+  // Fills everything except mode, gripper and host time. Does not allocate. `tau_J_d` is filled only during
   // our torque motion.
   void fill(const RobotState& packet, bool commanded, ArmState& state) noexcept;
 
@@ -38,16 +38,12 @@ class ArmPacket {
   Load tool_, load_;
 };
 
-Pose pose_of(const std::array<double, 16>& column_major);
-// The pose with the nearest orthonormal rotation; single precision deviates by 1e-7, an arm's rounded frames
-// by 1e-5.
-Pose with_proper_rotation(const Pose& X);
 // The body that remains when `part` is taken from `whole`, both in the same frame. Massless if the
 // masses are equal.
 Load without(const Load& whole, const Load& part);
 // The rigid union of `a` and `b`.
 Load with(const Load& a, const Load& b);
-// End effector and payload as a packet declares them, in the flange.
+// End effector and payload declared in a packet, in the flange.
 Load end_effector_of(const RobotState& packet);
 Load payload_of(const RobotState& packet);
 

@@ -3,7 +3,7 @@
 #include <cstdio>
 
 #include "fci/client/arm_driver.hpp"
-#include "fci/client/arm_state_text.hpp"
+#include "fci/client/arm_mode.hpp"
 #include "fci/client/model_check.hpp"
 
 // The commander's work between connecting and the first motion: checks identity and model,
@@ -12,7 +12,7 @@ namespace multipanda::fci {
 namespace {
 
 bool is_close(const Pose& a, const Pose& b) {
-  constexpr double kSame = 1e-4;  // arms round entries of rotations to 0.7071; single precision is 1e-7
+  constexpr double kSame = 1e-4;  // arms round rotations to 0.7071; single precision would be 1e-7
   return (a.rotation - b.rotation).cwiseAbs().maxCoeff() < kSame &&
          (a.position - b.position).cwiseAbs().maxCoeff() < kSame;
 }
@@ -43,7 +43,7 @@ SetCollisionBehaviorRequest to_request(const SetCollisionThresholds& set) {
           .upper_force_thresholds_nominal = to_array<6>(slow.wrench_upper)};
 }
 
-// The most that the difference of two bodies on the flange weighs on any joint in any pose.
+// Upper bound on the joint torque from the weight difference of two bodies on the flange, over all poses.
 double worst_torque(const Load& a, const Load& b) {
   constexpr double kGravity = 9.81, kReach = 0.855;  // of the flange, by the arms' data sheets [m]
   return kGravity * (std::abs(a.mass - b.mass) * kReach + (a.mass * a.p_FC - b.mass * b.p_FC).norm());
@@ -79,6 +79,7 @@ void ArmDriver::connect_end_effector() {
     end_effector_connected_.store(false, std::memory_order_release);
     notify(std::string(error.what()) + ": the run continues without it");
   }
+  link_.gaps().restart();  // one that is switched off may take long
 }
 
 void ArmDriver::check_model() {
@@ -112,19 +113,19 @@ void ArmDriver::check_model() {
   identity_.model_report = report;
 }
 
-// False: the arm is in a reflex and was left as it is.
+// False: the arm is in a reflex and was left unchanged.
 bool ArmDriver::configure() {
-  // A motion of a lost connection ends by itself, with an error.
+  // A motion of a lost connection ends with an error by itself.
   (void)link_.wait_for_state([](const RobotState& s) { return !is_mode(s, RobotMode::move); });
   const RobotState& state = link_.look();
   if (is_mode(state, RobotMode::reflex)) {
-    // It may have stopped on a person: nobody asked for it to become active because a program was started.
+    // The arm may have stopped at a person: starting a program must not reactivate it.
     if (!config_.recover_at_start) {
       notify(in_reflex(state));
       return false;
     }
     notify("an earlier error had stopped it " + error_list(state) +
-           "and it is recovered now, as `recover_at_start` asks");
+           "and it is recovered now because of `recover_at_start`");
     link_.recover();
   }
   send_settings();
@@ -133,7 +134,7 @@ bool ArmDriver::configure() {
 
 std::string ArmDriver::in_reflex(const RobotState& state) const {
   return "an earlier error has stopped it " + error_list(state) +
-         "and it stays stopped: see that nobody is in its way, then run " + ctl_command("recover");
+         "and it stays stopped: make sure that nobody is in its way, then run " + ctl_command("recover");
 }
 
 void ArmDriver::send_settings() {
@@ -168,8 +169,8 @@ std::string ArmDriver::unknown_load() const {
          " now, or with another center of mass or inertia: set the load that it carries";
 }
 
-// An arm whose load is another than this run has declared was switched off, or had another program, and what
-// it carries now is not known: with a wrong load it would rise or sink as soon as it is under control.
+// An arm whose load differs from the declared one was switched off or used by another program, so its actual
+// load is unknown: with a wrong load it would rise or sink as soon as it is under control.
 void ArmDriver::send_load() {
   load_is_unknown_ =
       settings_.has_changed("load") && !is_close(payload_of(link_.last_state()), settings_.load);
@@ -182,7 +183,7 @@ void ArmDriver::check_end_effector(const RobotState& state) {
              ours = with(config_.hand_declared.value_or(config_.hand), config_.tool);
   const double torque =
       std::min(worst_torque(theirs, ours), worst_torque(theirs, with(config_.hand, config_.tool)));
-  constexpr double kUnnoticed = 0.4;  // [N m]: about the friction of a joint, which holds an arm at rest
+  constexpr double kUnnoticed = 0.4;  // about the friction of a joint, which holds an arm at rest [N m]
   if (torque <= kUnnoticed) return;
   std::array<char, 32> most{};
   std::snprintf(most.data(), most.size(), "%.1f N m", torque);
@@ -191,8 +192,7 @@ void ArmDriver::check_end_effector(const RobotState& state) {
          " (or another center of mass): the arm compensates the declared one and sinks or "
          "rises by the difference, up to " +
          most.data() +
-         " at a joint. "
-         "Correct the end effector in the arm's web interface, or hand and tool in the scene");
+         " at a joint. Correct the end effector in the arm's web interface, or hand and tool in the scene");
 }
 
 void ArmDriver::set_frames(const ArmFrames& frames) {
@@ -225,9 +225,12 @@ void ArmDriver::apply(const ArmRequest& request) {
   std::visit([this](const auto& r) { set(r); }, request);
 }
 
-// Forgotten only if the arm refuses it: if the connection is lost meanwhile, the arm may have it or not, and
-// is asked which load it has after the reconnection.
+// Forgotten only if the arm refuses it: after a lost connection the arm may or may not have it, and its load
+// is read after the reconnection.
 void ArmDriver::set(const SetLoad& request) {
+  const RobotState& state = link_.look();
+  if (!is_mode(state, RobotMode::idle) && !is_mode(state, RobotMode::move))
+    refuse(refusal_in_mode(config_.name, state));
   const Settings before = settings_;
   settings_.load = request.load;
   remember("load");
@@ -241,7 +244,7 @@ void ArmDriver::set(const SetLoad& request) {
   load_is_unknown_ = false;
 }
 
-// A frame that is not given stays as this run has set it; what the arm shows may be of an earlier program.
+// A frame that is not given keeps this run's value; the arm's value may be that of an earlier program.
 void ArmDriver::set(const SetFrames& request) {
   const ArmFrames frames{request.X_FE.value_or(settings_.frames.X_FE),
                          request.X_EK.value_or(settings_.frames.X_EK)};

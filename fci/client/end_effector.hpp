@@ -1,13 +1,16 @@
 #pragma once
 
 #include <future>
+#include <memory>
+#include <string>
 
 #include "core/cycle/backend.hpp"
+#include "fci/wire/versions.hpp"
 
 namespace multipanda::fci {
 
-// A parallel gripper or a vacuum gripper with a connection of its own. It owns its socket and its thread. The
-// arm's connection does not depend on it.
+// A parallel gripper or vacuum gripper with its own connection, socket and thread, independent of the
+// arm's connection.
 class EndEffector {
  public:
   virtual ~EndEffector() = default;
@@ -16,11 +19,17 @@ class EndEffector {
   virtual void connect() = 0;
   virtual bool is_vacuum() const = 0;
 
-  // Any thread; answered when the motion is over. A new motion ends the running one.
+  // Any thread; answered when the motion has ended. A new motion ends the running one.
   virtual std::future<RequestAnswer> request(const GripperRequest& request) = 0;
 
   // Loop thread. The last reported state. No lock, no allocation.
   virtual multipanda::GripperState state() const noexcept = 0;
 };
+
+// The hand's gripper of one arm, and the vacuum gripper; `name`: of the arm. Not connected yet.
+std::unique_ptr<EndEffector> gripper_link(const std::string& name, const std::string& address,
+                                          std::uint16_t port = kGripperPort);
+std::unique_ptr<EndEffector> vacuum_link(const std::string& name, const std::string& address,
+                                         std::uint16_t port = kVacuumPort);
 
 }  // namespace multipanda::fci

@@ -87,8 +87,8 @@ void EndEffectorConnection::connect() {
   sockaddr_in here{};
   socklen_t size = sizeof here;
   ::getsockname(udp_, reinterpret_cast<sockaddr*>(&here), &size);
-  // Without the mutex: nobody else uses the channel before it is `connected_`, and senders of requests, who
-  // may have to pass on a stop next, are refused at once meanwhile.
+  // Without the mutex: the channel is unused until `connected_`, and requests, which may soon include a stop,
+  // are refused at once meanwhile.
   channel_.connect(address_, port_, kTimeout);
   std::array<std::byte, kGripperConnectReplySize> bytes{};
   const std::uint32_t id = channel_.next_id();
@@ -135,9 +135,10 @@ std::future<RequestAnswer> EndEffectorConnection::request(const GripperRequest& 
   }
   entry.give_up = after(protocol_->patience_s(request));
   try {
-    channel_.send(entry.message, kTimeout);
+    constexpr double kAtOnce = 0;  // who asks may have to pass on a stop of the arms next
+    channel_.send(entry.message, kAtOnce);
   } catch (const ConnectionError& error) {
-    if (error.is_fatal()) present_ = false;  // run() finds out, too, and answers what else is running
+    if (error.is_fatal()) present_ = false;  // run() also notices, and answers the other pending requests
     return refuse(error.what());
   }
   running_.push_back(std::move(entry));
@@ -155,7 +156,7 @@ void EndEffectorConnection::run() {
       return channel_.file();
     }();
     std::array<pollfd, 3> files{pollfd{tcp, POLLIN, 0}, pollfd{udp_, POLLIN, 0}, pollfd{wake_, POLLIN, 0}};
-    constexpr int kLookMs = 100;  // to notice expired requests
+    constexpr int kLookMs = 100;  // interval for detecting expired requests
     (void)::poll(files.data(), files.size(), kLookMs);
     std::uint64_t count = 0;
     (void)!::read(wake_, &count, sizeof count);

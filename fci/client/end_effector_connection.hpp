@@ -11,13 +11,13 @@
 #include <thread>
 #include <vector>
 
-#include "fci/client/datagram_order.hpp"
 #include "fci/client/end_effector.hpp"
+#include "fci/client/state_intake.hpp"
 #include "fci/client/tcp_channel.hpp"
 
 namespace multipanda::fci {
 
-// The protocol of a gripper or of a vacuum gripper.
+// The protocol of a gripper or vacuum gripper.
 class EndEffectorProtocol {
  public:
   virtual ~EndEffectorProtocol() = default;
@@ -45,7 +45,7 @@ class EndEffectorConnection final : public EndEffector {
                         std::unique_ptr<EndEffectorProtocol> protocol);
   ~EndEffectorConnection() override;
 
-  // Throws ConnectionError. Requests that run on the old connection are answered as lost.
+  // Throws ConnectionError. Pending requests of the old connection are answered as lost.
   void connect() override;
   bool is_vacuum() const override { return protocol_->is_vacuum(); }
   std::future<RequestAnswer> request(const GripperRequest& request) override;
@@ -72,7 +72,7 @@ class EndEffectorConnection final : public EndEffector {
   TcpChannel channel_;
   int udp_ = -1, wake_ = -1;
 
-  std::mutex mutex_;  // guards the following members and, while connected_, channel_
+  std::mutex mutex_;  // protects the following members and, while connected_, channel_
   std::vector<Request> running_;
   bool connected_ = false;
   std::atomic<bool> ending_{false};

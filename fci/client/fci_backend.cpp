@@ -7,10 +7,10 @@
 #include <poll.h>
 #include <stdexcept>
 
+#include "arm_interface/arm_settings.hpp"
 #include "core/model/prismatic_joints.hpp"
-#include "device/arm_settings.hpp"
 #include "fci/client/arm_driver.hpp"
-#include "fci/client/first_states.hpp"
+#include "fci/client/state_intake.hpp"
 
 namespace multipanda::fci {
 namespace {
@@ -40,13 +40,14 @@ void check(const FciArmConfig& arm) {
   if (arm.address.empty()) refuse("the address is missing");
   if (!(arm.low_pass_hz >= 0) || arm.low_pass_hz > 1000)
     refuse("the low-pass cutoff must be 0 (none) to 1000 Hz");
-  std::string why = check_request(SetFrames{arm.frames.X_FE, arm.frames.X_EK}, 7);
-  if (why.empty()) why = check_request(SetLoad{arm.load}, 7);
-  if (why.empty() && arm.joint_stiffness) why = check_request(SetJointStiffness{*arm.joint_stiffness}, 7);
+  std::string why = check_request(SetFrames{arm.frames.X_FE, arm.frames.X_EK}, *arm.model);
+  if (why.empty()) why = check_request(SetLoad{arm.load}, *arm.model);
+  if (why.empty() && arm.joint_stiffness)
+    why = check_request(SetJointStiffness{*arm.joint_stiffness}, *arm.model);
   if (why.empty() && arm.cartesian_stiffness) {
-    why = check_request(SetCartesianStiffness{*arm.cartesian_stiffness}, 7);
+    why = check_request(SetCartesianStiffness{*arm.cartesian_stiffness}, *arm.model);
   }
-  if (why.empty() && arm.thresholds) why = check_request(*arm.thresholds, 7);
+  if (why.empty() && arm.thresholds) why = check_request(*arm.thresholds, *arm.model);
   if (!why.empty()) refuse(why);
 }
 
@@ -97,7 +98,7 @@ struct FciBackend::Implementation {
   bool first = true;      // no wait() yet
   HostTime begun, woken;  // first wait(), last wait() [this computer's time]
   LoopTime now;
-  std::uint64_t step_id = 0;  // lock-step: the arms' number of the current step
+  std::uint64_t step_id = 0;  // lock-step: the arms' number for the current step
 };
 
 namespace {
@@ -139,8 +140,8 @@ std::future<RequestAnswer> FciBackend::request(ArmIndex arm, GripperRequest requ
 
 // --- start and finish ---
 
-// The loop's thread reads the arms' states while their commanders work. `beginning`: the arms begin; an arm
-// that is late is not waited for any longer.
+// The loop's thread reads the arms' states while their commanders work. `beginning`: the arms start; late
+// arms are no longer waited for.
 std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
     std::vector<std::future<RequestAnswer>> futures, bool beginning) {
   using std::chrono::seconds;
@@ -165,8 +166,7 @@ std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
               ? futures[i].get()
               : RequestAnswer{false,
                               "arm " + name +
-                                  " did not begin its torque motion while the others "
-                                  "were held for " +
+                                  " did not begin its torque motion while the others were held for " +
                                   std::to_string(held) +
                                   " packets: start again; if it recurs, look at the arm's page in Desk"};
     }
@@ -175,8 +175,8 @@ std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
   return answers;
 }
 
-// Arms whose motion runs are held while the others are still starting, or leaving. In lock-step their world
-// waits, unless it has to advance for the others.
+// Holds arms whose motion runs while others are still starting or ending. In lock-step their world waits,
+// unless it has to advance for the others.
 void FciBackend::Implementation::hold(HostTime since) {
   constexpr double kPatience = 0.1;  // [s]
   if (options.lockstep && seconds(host_now() - since) < kPatience) return;
@@ -228,7 +228,7 @@ void FciBackend::finish() {
     });
   };
   for (const auto& arm : self.arms) {
-    arm->release();  // held from here
+    arm->release();  // hold starts here
     if (arm->is_unread()) arm->hold(true);
     arm->mark_read();
   }
@@ -269,7 +269,7 @@ ArmSet FciBackend::wait_until(HostTime deadline) {
   }
 }
 
-// Waits for a new state of every arm, at most until `deadline`. Meanwhile those that have one are held.
+// Waits for a new state of every arm, at most until `deadline`. Arms with a state are held meanwhile.
 ArmSet FciBackend::Implementation::all_once(HostTime deadline) {
   FirstStates states;
   while (true) {
@@ -306,7 +306,7 @@ ArmSet FciBackend::Implementation::step_of_all(HostTime deadline) {
     // If no arm moves, the world may be paused.
     const HostTime until = moving ? deadline : patience;
     if (host_now() >= until) return unread() & here;
-    // In slices, because no datagram announces a lost arm.
+    // In slices, because a lost arm sends no datagram.
     sleep_until(std::min(until, later(host_now(), kSlice)));
   }
 }
@@ -334,7 +334,7 @@ void FciBackend::Implementation::advance_time(ArmSet due) {
     now = {woken.ns - begun.ns};
     return;
   }
-  constexpr std::uint64_t kJump = 1000;  // numbers of another world after a reconnection
+  constexpr std::uint64_t kJump = 1000;  // a jump means another world after a reconnection
   if (due.empty()) {
     now = now + (woken - before);
   } else {

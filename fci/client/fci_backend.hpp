@@ -7,23 +7,30 @@
 #include <string>
 #include <vector>
 
+#include "arm_interface/request_patience.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/model/arm_model.hpp"
-#include "core/state/connection_statistics.hpp"
-#include "device/request_patience.hpp"
-#include "fci/client/arm_identity.hpp"
+#include "core/state/arm_state.hpp"
 #include "fci/client/end_effector.hpp"
 #include "fci/wire/robot_state.hpp"
 
 namespace multipanda::fci {
 
-// A greater torque rate stops the arm: its limit, less the margin of Franka's own library [N m/s].
+// What a connected arm reports about itself.
+struct ArmIdentity {
+  int version = 0;         // of the protocol
+  std::string generation;  // "FR3", "Panda"
+  bool model_checked = false;
+  std::string model_report;  // the result of the comparison of the models, or why there was none
+};
+
+// A higher torque rate stops the arm: its limit, less the margin of Franka's library [N m/s].
 constexpr double kTorqueRateMax = 1000 - 1e-3;
 
 enum class ModelCheck : std::uint8_t {
   off,
   report,  // refuse different kinematics, report different masses
-  refuse   // refuse other masses, too
+  refuse   // also refuse different masses
 };
 
 // Address and configuration of one real or virtual arm.
@@ -38,7 +45,7 @@ struct FciArmConfig {
   // The load that `model` contains behind the flange (the hand, fingers closed). The arm must declare it,
   // together with `tool`, as its end effector. In the flange.
   Load hand;
-  // The same hand as the arm declares it; none: `hand`.
+  // The same hand as declared by the arm; none: `hand`.
   std::optional<Load> hand_declared;
 
   // Sent to the arm at the start and after each reconnection, and checked in its state. Requests of the run
@@ -46,7 +53,7 @@ struct FciArmConfig {
   // request. The end effector's mass can only be set in the arm's settings: a difference is reported.
   ArmFrames frames;
   Load tool, load;
-  std::optional<JointVector> joint_stiffness;  // of the arm's own controllers; none: as the arm has it
+  std::optional<JointVector> joint_stiffness;  // of the arm's own controllers; none: unchanged
   std::optional<Vector6> cartesian_stiffness;  // in K [N/m, N m/rad]
   std::optional<SetCollisionThresholds> thresholds;
 
@@ -57,8 +64,8 @@ struct FciArmConfig {
 
   std::optional<ModelCheck> model_check;  // overrides FciOptions
 
-  // True: an arm that is in a reflex when it is connected is recovered without being asked. Otherwise it
-  // stays as it is, and RecoverFromError sets it up.
+  // True: an arm found in a reflex is recovered without asking. Otherwise it stays stopped, and
+  // RecoverFromError sets it up.
   bool recover_at_start = false;
 
   // Creates the gripper; empty: none. Called off the loop, once.
@@ -82,18 +89,18 @@ struct FciOptions {
   // arms, now() is the arms' own time. Otherwise an arm is due when its packet arrives, and now() is this
   // computer's time.
   bool lockstep = false;
-  double silence_s = 0.02;      // wait() returns an empty set after so long without a packet
+  double silence_s = 0.02;      // wait() returns an empty set after this time without a packet
   double first_states_s = 1.0;  // for a state of every arm in the first wait(); arms that have one are held
-  // While start() waits for the other arms, one that has begun is held for so many packets; then start()
-  // fails. Not in lock-step, where the world waits.
+  // While start() waits for other arms, a started arm is held for this many packets; then start() fails. Not
+  // in lock-step, where the world waits.
   int longest_wait_packets = 100;
-  double lost_after_s = 1.0;                     // an arm that is silent for so long counts as disconnected
-  double state_timeout_s = 1.0;                  // how long a request waits for a state that shows its effect
-  double lockstep_wait_s = 2.0;                  // in lock-step: how long the slowest arm is waited for
-  double request_patience_s = kRequestPatience;  // a request that waited for so long is not executed
+  double lost_after_s = 1.0;                     // an arm silent for this long counts as disconnected
+  double state_timeout_s = 1.0;                  // longest wait for a state that shows a request's effect
+  double lockstep_wait_s = 2.0;                  // lock-step: longest wait for the slowest arm
+  double request_patience_s = kRequestPatience;  // requests older than this are not executed
   ModelCheck model_check = ModelCheck::report;
-  // Messages for the user: warnings at the start, a lost connection, the end of a motion.
-  // Called off the loop, from the arms' threads, one at a time.
+  // Messages for the user: warnings at the start, lost connections, ends of motions. Called off the loop,
+  // from the arms' threads, never concurrently.
   std::function<void(const std::string&)> report;
 };
 
@@ -132,9 +139,9 @@ class FciBackend : public Backend {
 
   ArmSet wait() override;
   ArmSet wait_until(HostTime deadline) override;  // not in lock-step
-  bool ended() const override;  // false between start() and finish(): an arm can always be reconnected
+  bool ended() const override;  // false between start() and finish(), because arms can always be reconnected
   LoopTime now() const override;
-  // An arm that is disconnected is never due; of its state only the mode changes.
+  // A disconnected arm is never due; only the mode of its state changes.
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
   std::uint64_t overruns() const override;  // packets lost, all arms
@@ -150,7 +157,7 @@ class FciBackend : public Backend {
   bool is_running(ArmIndex arm, ArmMotion motion) const noexcept;
   // The newest packet, as received.
   const RobotState& packet(ArmIndex arm) const noexcept;
-  // Answers the newest packet of an arm whose motion is not torque; write() is for torque.
+  // Answers the newest packet of an arm in a motion other than torque; write() is for torque.
   void command(ArmIndex arm, RobotCommand& command) noexcept;
 
   // --- any thread ---

@@ -2,6 +2,7 @@
 #include "fci/client/fci_backend.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <memory>
 #include <thread>
@@ -9,13 +10,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "arm_interface/arm_settings.hpp"
 #include "core/cycle/control_cycle.hpp"
 #include "core/rt/guard/loop_guard.hpp"
-#include "device/arm_settings.hpp"
 #include "fci/client/from_scene.hpp"
 #include "fci/client/model_check.hpp"
 #include "fci/client/testing/fake_arm.hpp"
-#include "fci/model/model_urdf.hpp"
+#include "fci/model/model_library.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::fci::fci_backend_test {
@@ -71,7 +72,11 @@ class Backends : public testing::Test {
   void begin(FciOptions options = {}, std::vector<FciArmConfig> configs = {}) {
     options.model_check = ModelCheck::off;
     options.state_timeout_s = options.lost_after_s = 20;  // the whole machine may stand still for seconds
-    options.report = [this](const std::string& text) { said_ += text + "\n"; };
+    options.report = [this](const std::string& text) {
+      said_ += text + "\n";
+      if (stands_still_ && text.find("requests of this run") != std::string::npos)
+        std::this_thread::sleep_for(GapWatch::kLongest + std::chrono::milliseconds(200));
+    };
     if (configs.empty()) configs = {config(0), config(1)};
     backend_ = std::make_unique<FciBackend>(std::move(configs), options);
     cycle_ = std::make_unique<ControlCycle>(build_cycle_config(scene_), registry_, *backend_);
@@ -105,6 +110,7 @@ class Backends : public testing::Test {
   std::array<std::unique_ptr<FakeArm>, 2> fakes_{std::make_unique<FakeArm>(10, "127.0.0.1"),
                                                  std::make_unique<FakeArm>(5, "127.0.0.2")};
   std::string said_;
+  std::atomic<bool> stands_still_ = false;
   InstanceSet active_ = 0;
   std::unique_ptr<FciBackend> backend_;
   std::unique_ptr<ControlCycle> cycle_;
@@ -180,19 +186,6 @@ TEST_F(Backends, TheFirstCycleBeginsAtTheNewestStates) {
   }
   EXPECT_EQ(seen, ArmSet::all(2));
   for (std::size_t i = 0; i < 2; ++i) EXPECT_EQ(cycle_->safety().counted(i, Intervention::state_old), 0u);
-}
-
-TEST_F(Backends, ForcesAreInWorldAxes) {
-  for (auto& fake : fakes_) {
-    fake->change([](RobotState& s) { s.O_F_ext_hat_K = {1, 2, 3, 4, 5, 6}; });
-  }
-  begin();
-  for (ArmIndex i = 0; i < 2; ++i) {
-    const Matrix3 R_WB = scene_.arms[i].X_WB.rotation;
-    const Wrench& F = cycle_->data().state[i].F_K_W_est;
-    EXPECT_LT((F.force() - R_WB * Vector3(1, 2, 3)).norm(), 1e-6);
-    EXPECT_LT((F.torque() - R_WB * Vector3(4, 5, 6)).norm(), 1e-6);
-  }
 }
 
 TEST_F(Backends, AnArmIsDueWithItsPacketAndAnsweredInThatStep) {
@@ -442,6 +435,52 @@ TEST_F(Backends, ARequestThatWaitedForTooLongIsNotExecuted) {
   EXPECT_TRUE(answer(backend_->request(0, StopMotion{})).success);  // a stop is never too late
 }
 
+// A stop of the motion that comes while the arm recovers, and what was asked before it.
+TEST_F(Backends, AStopOvertakesTheRecoveryThatIsOnItsWay) {
+  begin();
+  fakes_[0]->end_motion(Status::reflex_aborted, RobotMode::reflex, 6);
+  while (cycle_->data().state[0].mode != ArmMode::reflex) {
+    fakes_[1]->publish();
+    step();
+  }
+  const auto count = [this](Command command) {
+    return std::ranges::count(fakes_[0]->asked(), command, &FakeArm::Asked::command);
+  };
+  const auto motions = count(Command::move);
+  auto first = backend_->request(0, RecoverFromError{});  // waits for a state, of which none comes
+  while (count(Command::automatic_error_recovery) == 0) std::this_thread::yield();
+  auto second = backend_->request(0, RecoverFromError{});
+  auto stopped = backend_->request(0, StopMotion{});
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  for (auto* recovery : {&first, &second}) {
+    const RequestAnswer refused = answer(std::move(*recovery));
+    EXPECT_FALSE(refused.success);
+    EXPECT_THAT(refused.reason, HasSubstr("stopped its motion since"));
+  }
+  EXPECT_TRUE(answer(std::move(stopped)).success);
+  EXPECT_EQ(count(Command::move), motions) << "no motion began";
+  EXPECT_TRUE(answer(backend_->request(0, RecoverFromError{})).success) << "asked after the stop";
+}
+
+// The thread of the requests stands still between two of its waits, here where it reports.
+TEST_F(Backends, AReconnectionThatStoodStillBeginsNoMotion) {
+  begin();
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  SetLoad load{.load = config(0).load};
+  load.load.mass = 1.2;
+  ASSERT_TRUE(answer(backend_->request(0, load)).success);
+  fakes_[0]->hang_up();
+  while (cycle_->data().state[0].mode != ArmMode::disconnected) step();
+  fakes_[0]->change([](RobotState& s) { s.m_load = 1.2; });
+  std::size_t motions = fakes_[0]->asked().size();
+  stands_still_ = true;
+  const RequestAnswer refused = answer(backend_->request(0, Reconnect{}));
+  EXPECT_FALSE(refused.success);
+  EXPECT_THAT(refused.reason, HasSubstr("stood still"));
+  const auto asked = fakes_[0]->asked();
+  for (; motions < asked.size(); ++motions) EXPECT_NE(asked[motions].command, Command::move);
+}
+
 TEST_F(Backends, ALowShareOfReceivedCommandsIsReportedOnce) {
   begin();
   const auto reports = [&] {
@@ -660,7 +699,8 @@ TEST_F(Backends, AFrameSetInAReflexDoesNotAdoptAnotherProgramsOther) {
   fakes_[0]->change([](RobotState& s) { s.F_T_EE[14] = s.NE_T_EE[14] = 0.9; });
   begin();
   for (auto& fake : fakes_) fake->set_automatic(true);
-  (void)answer(backend_->request(0, SetFrames{.X_FE = {}, .X_EK = Pose(Matrix3::Identity(), {0, 0, 0.02})}));
+  (void)answer(
+      backend_->request(0, SetFrames{.X_FE = {}, .X_EK = Pose{Matrix3::Identity(), Vector3(0, 0, 0.02)}}));
   const RequestAnswer recovered = answer(backend_->request(0, RecoverFromError{}));
   ASSERT_TRUE(recovered.success) << recovered.reason;
   while (cycle_->data().state[0].mode != ArmMode::move) step();
@@ -907,6 +947,30 @@ TEST(ModelCheck, DistinguishesADifferentArmFromTheSameOne) {
   longer.replace(at, 5, "0.386");
   EXPECT_FALSE(compare_models(longer, {}, *fer.model).same_kinematics());
   EXPECT_THROW((void)compare_models("<robot name='x'/>", {}, *fer.model), std::invalid_argument);
+}
+
+// Up to version 7 an arm's model is a library, which a Panda computes with numbers of its own.
+TEST(ModelCheck, ComparesWithAnArmsLibrary) {
+  const Scene scene = two_arms();
+  const FciArmConfig fr3 = fci_arm_config(scene.arms[0], "127.0.0.1"),
+                     fer = fci_arm_config(scene.arms[1], "127.0.0.1");
+  const auto library = [&](std::size_t arm, LibraryModel model) {
+    return model_library(robot_of(scene.arms[arm]), model);
+  };
+  const std::vector<std::byte> pandas = library(1, LibraryModel::own);
+  if (pandas.empty()) GTEST_SKIP() << "the model library is made for x86-64 only";
+  const ModelComparison exact = compare_models(library(0, LibraryModel::own), fr3.hand, *fr3.model);
+  EXPECT_TRUE(exact.same_kinematics()) << exact.text();
+  EXPECT_LT(exact.gravity_nm, 1e-6);
+  EXPECT_LT(exact.mass_matrix, 1e-9);
+  const ModelComparison panda = compare_models(pandas, fer.hand, *fer.model);
+  EXPECT_TRUE(panda.same_kinematics() && panda.same_dynamics()) << panda.text();
+  EXPECT_GT(panda.gravity_nm, 0.1);
+  EXPECT_LT(panda.gravity_nm, 0.25);
+  EXPECT_FALSE(compare_models(pandas, {0.73, {-0.01, 0, 0.03}, Matrix3::Zero()}, *fer.model).same_dynamics())
+      << "a hand";
+  EXPECT_FALSE(compare_models(pandas, fr3.hand, *fr3.model).same_dynamics()) << "another arm";
+  EXPECT_THROW((void)compare_models(std::vector<std::byte>(4096), {}, *fer.model), std::invalid_argument);
 }
 
 }  // namespace

@@ -1,7 +1,5 @@
 // The first cycle waits for a state of every arm. Fake arms send a state when the last one was answered, so
 // that nothing depends on how fast the test runs.
-#include "fci/client/first_states.hpp"
-
 #include <array>
 #include <memory>
 #include <thread>
@@ -10,6 +8,7 @@
 
 #include "fci/client/fci_backend.hpp"
 #include "fci/client/from_scene.hpp"
+#include "fci/client/state_intake.hpp"
 #include "fci/client/testing/fake_arm.hpp"
 #include "scene/build.hpp"
 

@@ -1,8 +1,8 @@
 #include "fci/client/from_scene.hpp"
 
-#include "device/arm_settings.hpp"
-#include "device/declared_hand.hpp"
-#include "fci/client/gripper_connection.hpp"
+#include "arm_interface/arm_settings.hpp"
+#include "arm_interface/declared_hand.hpp"
+#include "fci/client/end_effector.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::fci {

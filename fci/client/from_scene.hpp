@@ -5,8 +5,8 @@
 
 namespace multipanda::fci {
 
-// The scene's data of an arm, for the arm at `address`: model, frames, tool, load. Throws
-// std::invalid_argument.
+// Configuration from the scene for the arm at `address`: model, frames, tool, load.
+// Throws std::invalid_argument.
 FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address);
 
 }  // namespace multipanda::fci

@@ -1,8 +1,7 @@
-#include "fci/client/gripper_connection.hpp"
-
 #include <cmath>
 
 #include "core/cycle/requests.hpp"
+#include "fci/client/end_effector.hpp"
 #include "fci/client/end_effector_connection.hpp"
 #include "fci/wire/gripper.hpp"
 #include "fci/wire/vacuum.hpp"
@@ -27,12 +26,11 @@ class GripperProtocol final : public EndEffectorProtocol {
     if (std::holds_alternative<GripperStop>(request)) {
       return encode_gripper_request(id, GripperStopRequest{}, to);
     }
+    why = check(request);
     if (const auto* move = std::get_if<GripperMove>(&request)) {
-      why = check(*move);
       return encode_gripper_request(id, GripperMoveRequest{move->width, move->speed}, to);
     }
     if (const auto* grasp = std::get_if<GripperGrasp>(&request)) {
-      why = check(*grasp);
       return encode_gripper_request(id,
                                     GripperGraspRequest{grasp->width, grasp->tolerance_inner,
                                                         grasp->tolerance_outer, grasp->speed, grasp->force},
@@ -64,16 +62,16 @@ class VacuumProtocol final : public EndEffectorProtocol {
 
   std::size_t encode(const GripperRequest& request, std::uint32_t id, std::span<std::byte> to,
                      std::string& why) const override {
+    why = check(request);
+    if (!why.empty()) return 0;
+    const auto milliseconds = [](double seconds) { return std::int64_t{std::llround(1000 * seconds)}; };
     if (const auto* on = std::get_if<VacuumOn>(&request)) {
-      const double steps = std::round(on->pressure_mbar / 10);
-      if (!(steps >= 0 && steps <= 255)) why = "the vacuum must be 0 to 2550 mbar";
-      const std::int64_t timeout = milliseconds(on->timeout_s, why);
-      if (!why.empty()) return 0;
+      const auto steps = static_cast<std::uint8_t>(std::lround(on->pressure_mbar / 10));
       return encode_gripper_request(
-          id, VacuumRequest{.vacuum = static_cast<std::uint8_t>(steps), .timeout = timeout}, to);
+          id, VacuumRequest{.vacuum = steps, .timeout = milliseconds(on->timeout_s)}, to);
     }
     if (const auto* drop = std::get_if<VacuumDrop>(&request)) {
-      return encode_gripper_request(id, VacuumDropOffRequest{milliseconds(drop->timeout_s, why)}, to);
+      return encode_gripper_request(id, VacuumDropOffRequest{milliseconds(drop->timeout_s)}, to);
     }
     if (std::holds_alternative<VacuumStop>(request)) {
       return encode_gripper_request(id, VacuumStopRequest{}, to);
@@ -91,13 +89,6 @@ class VacuumProtocol final : public EndEffectorProtocol {
     if (decode_gripper(datagram, packet, false) != WireResult::ok) return 0;
     state.grasped = packet.part_present;
     return packet.message_id;
-  }
-
- private:
-  static std::int64_t milliseconds(double seconds, std::string& why) {
-    if (std::isfinite(seconds) && seconds >= 0 && seconds <= kLongest) return std::llround(1000 * seconds);
-    why = "the timeout must be 0 to 600 seconds";
-    return 0;
   }
 };
 

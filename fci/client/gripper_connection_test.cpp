@@ -1,6 +1,4 @@
 // Both gripper connections with both ports of virtual arms: whole motions over loopback, in simulated time.
-#include "fci/client/gripper_connection.hpp"
-
 #include <arpa/inet.h>
 #include <array>
 #include <sys/socket.h>
@@ -9,8 +7,9 @@
 
 #include <gtest/gtest.h>
 
-#include "fci/client/connection_error.hpp"
+#include "fci/client/end_effector.hpp"
 #include "fci/client/end_effector_connection.hpp"
+#include "fci/client/tcp_channel.hpp"
 #include "fci/server/virtual_arms.hpp"
 #include "fci/wire/gripper.hpp"
 

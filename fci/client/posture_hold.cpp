@@ -2,7 +2,7 @@
 
 #include <array>
 
-#include "core/controllets/hold.hpp"
+#include "core/controllets/builtins.hpp"
 
 namespace multipanda::fci {
 

@@ -10,15 +10,14 @@ namespace multipanda::fci {
 
 // An arm's hold, as the multimode controller has it, for the time in which a torque motion runs but no
 // control loop does: while other arms still begin, until a motion has ended, and while a program on another
-// clock is silent. An arm that gets no torque then would float, and one whose last torque is repeated would
-// go wherever that pushes it.
+// clock is silent. Without torque an arm would float, and a repeated torque would push it away.
 class PostureHold {
  public:
   PostureHold(const std::shared_ptr<const ArmModel>& model, const ArmFrames& frames, const Load& tool,
               const Load& load);
-  // The frames and loads of the states; an arm that it holds beyond the end of a range stays there.
+  // The states' frames and loads; an arm held beyond the end of a range stays there.
   explicit PostureHold(const std::shared_ptr<const ArmModel>& model);
-  // The next torque holds the arm where it is then.
+  // The next torque holds the arm at its position of that time.
   void release() noexcept { holds_ = false; }
   // [N m] (n x 1), without gravity. No allocation.
   const JointVector& torque(const JointVector& q, const JointVector& dq) noexcept;

@@ -19,7 +19,7 @@
 namespace multipanda::fci {
 namespace {
 
-// The rest of `timeout_s` since `begun`, in whole milliseconds for poll(), rounded up.
+// Remaining part of `timeout_s` since `begun`, in whole milliseconds for poll(), rounded up.
 int left_ms(HostTime begun, double timeout_s) {
   const double left = timeout_s - seconds(host_now() - begun);
   return left <= 0 ? 0 : static_cast<int>(std::ceil(left * 1e3));
@@ -81,6 +81,7 @@ void TcpChannel::connect(const std::string& address, std::uint16_t port, double 
   close();
   next_id_ = 0;
   const in_addr ip = resolve(address, who_);
+  gaps_.restart();  // a name server may be slow
   const auto unreachable = [&](int error) {
     fail(ConnectionError::Kind::unreachable,
          "no connection to " + address + " port " + std::to_string(port) + ": " + cure_for(error));
@@ -115,10 +116,14 @@ void TcpChannel::connect(const std::string& address, std::uint16_t port, double 
 bool TcpChannel::wait_for(short events, double timeout_s) const {
   const HostTime begun = host_now();
   pollfd watched{.fd = file_, .events = events, .revents = 0};
+  constexpr int kSliceMs = 100;
   while (true) {
-    const int n = ::poll(&watched, 1, left_ms(begun, timeout_s));
+    const int left = left_ms(begun, timeout_s);
+    (void)gaps_.look();
+    const int n = ::poll(&watched, 1, std::min(left, kSliceMs));
+    (void)gaps_.look();
     if (n > 0) return true;
-    if (n == 0 || errno != EINTR) return false;
+    if ((n == 0 && left <= kSliceMs) || (n < 0 && errno != EINTR)) return false;
   }
 }
 
@@ -145,19 +150,22 @@ void TcpChannel::send(std::span<const std::byte> message, double timeout_s) {
 
 void TcpChannel::read_available() {
   std::array<std::byte, 16384> chunk;
+  bool received = false;
   while (is_open()) {
     const ssize_t n = ::recv(file_, chunk.data(), chunk.size(), 0);
     if (n > 0) {
       buffer_.insert(buffer_.end(), chunk.begin(), chunk.begin() + n);
       parse();
+      received = true;
+    } else if (n < 0 && errno == EINTR) {
+      continue;
+    } else if (received || (n < 0 && errno == EAGAIN)) {
+      return;  // an arm that refuses a version closes or resets at once: first its reply, then the end
     } else if (n == 0) {
       fail(ConnectionError::Kind::lost,
            "the arm closed the connection: another program may have taken it over, the FCI may have been "
-           "deactivated, "
-           "or the arm was switched off; then reconnect");
-    } else if (errno == EAGAIN) {
-      return;
-    } else if (errno != EINTR) {
+           "deactivated, or the arm was switched off; then reconnect");
+    } else {
       fail(ConnectionError::Kind::lost, std::string("the connection is lost (") + std::strerror(errno) +
                                             "): check cable and arm, then reconnect");
     }

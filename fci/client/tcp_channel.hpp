@@ -5,19 +5,44 @@
 #include <deque>
 #include <optional>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
-#include "fci/client/connection_error.hpp"
+#include "core/types/gap_watch.hpp"
 #include "fci/wire/commands.hpp"
 
 namespace multipanda::fci {
 
+// A failed call to an arm or gripper. The text names the arm, the cause and the remedy; `kind` is
+// for programs.
+class ConnectionError : public std::runtime_error {
+ public:
+  enum class Kind {
+    unreachable,  // no connection could be established
+    lost,         // the connection is lost; reconnect
+    timeout,      // no answer in time; the connection was closed, because a late answer could be mistaken for
+                  // another
+    protocol,     // invalid bytes for this version; the connection was closed
+    incompatible,  // protocol version not supported
+    refused,       // the arm refused
+    aborted        // a motion did not end as commanded
+  };
+
+  ConnectionError(Kind kind, const std::string& text) : std::runtime_error(text), kind_(kind) {}
+  Kind kind() const { return kind_; }
+  // The connection is unusable from now on.
+  bool is_fatal() const { return kind_ != Kind::refused && kind_ != Kind::aborted; }
+
+ private:
+  Kind kind_;
+};
+
 std::string in_seconds(double duration_s);  // "1.5 s", for messages
 
 // Requests and replies over one TCP connection: each request has a number, its reply repeats it, and replies
-// may come in any order; some requests get two. Every wait has a timeout. One thread at a time; off the loop.
-// Failures throw ConnectionError, whose text begins with `who`; a fatal one closes the channel.
+// may arrive in any order; some requests get two. Every wait has a timeout. One thread at a time; off the
+// loop. Failures throw ConnectionError, whose text begins with `who`; a fatal one closes the channel.
 class TcpChannel {
  public:
   TcpChannel(HeaderKind kind, std::string who) : kind_(kind), who_(std::move(who)) {}
@@ -42,14 +67,17 @@ class TcpChannel {
     std::uint32_t command = 0, command_id = 0;
     std::vector<std::byte> payload;
   };
-  // The oldest reply with this number. Waits for it.
+  // The oldest reply with this number; waits for it.
   Reply wait(std::uint32_t command_id, double timeout_s, const char* what);
   // The same without waiting; none: not yet received.
   std::optional<Reply> take(std::uint32_t command_id);
-  // A reply with this number that is yet to come is of no interest: it is dropped when it arrives.
+  // Drops a future reply with this number when it arrives.
   void forget(std::uint32_t command_id);
-  // Reads what has arrived without waiting. Throws if the other end closed.
+  // Reads received data without waiting. Throws if the other end has closed.
   void read_available();
+  // The gaps of the thread that waits here. It looks before and after whatever it waits for elsewhere, and
+  // restarts after what may take long in itself.
+  GapWatch& gaps() const { return gaps_; }
 
  private:
   [[noreturn]] void fail(ConnectionError::Kind kind, const std::string& text);
@@ -66,6 +94,7 @@ class TcpChannel {
   int file_ = -1;
   std::uint32_t peer_address_ = 0;
   std::uint32_t next_id_ = 0;
+  mutable GapWatch gaps_;
   std::vector<std::byte> buffer_;
   std::deque<Reply> replies_;
   std::deque<std::uint32_t> forgotten_;  // numbers of replies to drop

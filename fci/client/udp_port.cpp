@@ -51,8 +51,8 @@ bool UdpPort::receive() noexcept {
     counters_.lost_in_a_row.store(0, std::memory_order_relaxed);
   }
   fresh_ = false;
-  // More than the socket's buffer holds, so that a loop that stood still finds the newest; bounded, so that a
-  // flood cannot block the loop.
+  // More than the socket's buffer holds, so that a delayed loop finds the newest; bounded, so that a flood
+  // cannot block the loop.
   constexpr int kMost = 300;
   int count = 0;
   for (int i = 0; i < kMost; ++i) {
@@ -80,8 +80,8 @@ bool UdpPort::receive() noexcept {
   return fresh_;
 }
 
-// A full buffer keeps the oldest datagrams and drops the newest. What was in it may be of long ago, so it is
-// not acted on; the arm's next state comes within a millisecond.
+// A full buffer keeps the oldest datagrams and drops the newest, so its contents may be outdated and are not
+// used; the arm's next state comes within a millisecond.
 bool UdpPort::has_overflowed() noexcept {
   std::array<std::uint32_t, SK_MEMINFO_VARS> info{};
   socklen_t size = sizeof(info);

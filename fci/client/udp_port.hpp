@@ -5,15 +5,15 @@
 #include <cstdint>
 #include <netinet/in.h>
 
-#include "core/state/connection_statistics.hpp"
+#include "core/state/arm_state.hpp"
 #include "core/types/time.hpp"
 #include "fci/client/state_intake.hpp"
 #include "fci/wire/state_layout.hpp"
 
 namespace multipanda::fci {
 
-// The datagrams of one arm: states in, commands out, on one socket that is kept through reconnections. The
-// loop's functions do not allocate, lock, throw or wait.
+// The datagrams of one arm: states in, commands out, on one socket that survives reconnections. The loop's
+// functions do not allocate, lock, throw or wait.
 class UdpPort {
  public:
   // Binds any free port. Throws std::runtime_error.
@@ -37,9 +37,9 @@ class UdpPort {
   // The newest state; its message_id is 0 before the first one.
   const RobotState& state() const noexcept { return intake_.state(); }
   HostTime received_at() const noexcept { return received_at_; }
-  // Whether state() may be of long ago: the socket's buffer overflowed, and no state has come since.
+  // Whether state() may be outdated: the socket's buffer overflowed, and no state has arrived since.
   bool is_stale() const noexcept { return stale_; }
-  // States in a row that never came before state(), and the arm's clock between the two last states taken.
+  // Consecutive states missing before state(), and the arm's clock between the last two states taken.
   std::uint64_t gap() const noexcept { return intake_.gap(); }
   // Answers state(): sends `command` with the number of the state.
   bool send(RobotCommand& command) noexcept;
@@ -62,7 +62,7 @@ class UdpPort {
 
   StateIntake intake_;
   bool fresh_ = false, stale_ = false;
-  std::uint32_t dropped_ = 0;  // datagrams that found the socket's buffer full, by has_overflowed()
+  std::uint32_t dropped_ = 0;  // datagrams dropped by a full socket buffer, as of has_overflowed()
   sockaddr_in source_{};
   HostTime received_at_;
 

@@ -62,7 +62,8 @@ struct Rig {
   }
   static VirtualArmOptions options(WorldPace pace) {
     VirtualArmOptions result{.pace = pace, .strict = true, .grippers = false, .idle_stands_still = true};
-    result.places = {{.address = "127.0.0.1", .port = 0}, {.address = "127.0.0.1", .port = 0}};
+    const ArmPlace any{.address = "127.0.0.1", .port = 0, .versions = VersionRange{}};
+    result.places = {any, any};
     return result;
   }
   void start_cycle(InstanceSet active) {
@@ -166,6 +167,32 @@ TEST_P(Versions, KeepTheContractOfEveryBackend) {
 
 INSTANTIATE_TEST_SUITE_P(Protocol, Versions, testing::Values(5, 7, 8, 10));
 
+class EveryVersion : public testing::TestWithParam<int> {};
+INSTANTIATE_TEST_SUITE_P(Protocol, EveryVersion, testing::Range<int>(kOldestVersion, kNewestVersion + 1));
+
+// A force on the flange of each arm, so that the moment that the loop sees follows from where K is. (Frames
+// that a program has moved: arm_packet_test.cpp, tests/fci/panda_test.py.)
+TEST_P(EveryVersion, AForceOnTheFlangeHasItsMomentAboutK) {
+  Rig rig(GetParam());
+  rig.start_cycle(kLeftJoints | kRightJoints);
+  rig.step();
+  const std::array<Vector3, 2> push{Vector3(6, -9, 7), Vector3(-8, 5, -10)};
+  for (ArmIndex i = 0; i < 2; ++i) rig.world->push(i, push[i], 1);
+  for (int k = 0; k < 700; ++k) ASSERT_EQ(rig.step(), ArmSet::all(2)) << rig.said;
+  for (ArmIndex i = 0; i < 2; ++i) {
+    const ArmState& state = rig.state(i);
+    ModelTerms terms(build_arm_model(rig.scene.arms[i]));
+    terms.set_config(state.frames, state.tool, state.load);
+    terms.update(state.q, state.dq);
+    const Vector3 p_WF = terms.X_WE() * state.frames.X_FE.inverse().position;
+    const Vector3 moment = (p_WF - terms.X_WK().position).cross(-push[i]);
+    EXPECT_GT(moment.norm(), i == 0 ? 0.5 : -1);  // without hand, E and K are at the flange
+    EXPECT_LT((state.F_K_W_est.force() + push[i]).norm(), 0.1) << "arm " << i;
+    EXPECT_LT((state.F_K_W_est.torque() - moment).norm(), 0.02) << "arm " << i;
+  }
+  rig.backend->finish();
+}
+
 TEST(VirtualRig, TheSameCommandsGiveTheSameStates) {
   Rig rigs[2];
   std::vector<std::array<JointVector, 2>> seen;
@@ -264,6 +291,32 @@ TEST(VirtualRig, AReflexOfOneArmDoesNotAffectTheOtherAndEndsInHold) {
   const auto nothing = rig.answer(rig.backend->request(0, RecoverFromError{}));
   EXPECT_FALSE(nothing.success);
   EXPECT_THAT(rig.said, HasSubstr("joint_reflex"));
+  rig.backend->finish();
+}
+
+TEST(VirtualRig, AnArmThatStillMovesIsRecoveredOnceItIsAtRest) {
+  Rig rig;
+  rig.start_cycle(kLeftJoints | kRightJoints);
+  for (int k = 0; k < 20; ++k) rig.step();
+  ASSERT_TRUE(rig.world->push(0, Vector3(0, 60, 0), 0.2));
+  double speed = 0;
+  for (int k = 0; k < 200 && speed < 0.4; ++k) {
+    rig.step();
+    speed = rig.state(0).dq.cwiseAbs().maxCoeff();
+  }
+  ASSERT_GE(speed, 0.4);
+  ASSERT_TRUE(rig.world->raise(0, ArmError::joint_reflex));
+  while (rig.state(0).mode != ArmMode::reflex) rig.step();
+  auto recovered = rig.backend->request(0, RecoverFromError{});
+  while (rig.state(0).mode == ArmMode::reflex) rig.step();
+  ASSERT_EQ(rig.state(0).mode, ArmMode::recovering);
+  EXPECT_GT(rig.state(0).dq.cwiseAbs().maxCoeff(), 0.05);
+  const RequestAnswer answer = rig.answer(std::move(recovered));
+  EXPECT_TRUE(answer.success) << answer.reason;
+  EXPECT_LT(rig.state(0).dq.cwiseAbs().maxCoeff(), 0.03);
+  for (int k = 0; k < 50; ++k) rig.step();
+  EXPECT_EQ(rig.state(0).mode, ArmMode::move) << rig.said;
+  EXPECT_TRUE(rig.is_held(0));
   rig.backend->finish();
 }
 

@@ -21,6 +21,9 @@ struct ArmNumbers {
   LinkNumbers links[kJoints];  // link 1 to 7, each turned about its z axis by its joint
   double flange_rotation[9];   // in the last link, row-major
   double flange_position[3];   // [m]
+  // 1: a load moves the center of mass of the last link, but that link's inertia stays as it is about the old
+  // one, as a Panda's library has it; 0: about the common one.
+  double keeps_last_inertia;
 };
 
 // Four arbitrary words that do not occur in a library by chance.

@@ -16,7 +16,7 @@ constexpr int kJoints = ArmNumbers::kJoints;
 __attribute__((used, section(".data")))
 ArmNumbers patched_numbers = {{kMarker[0], kMarker[1], kMarker[2], kMarker[3]}, {}, {}, {}};
 
-// The compiler must not assume the zeros above: they are overwritten in the file.
+// The compiler must not assume the zeros above, which are overwritten in the file.
 const ArmNumbers& numbers() {
   const ArmNumbers* p = &patched_numbers;
   asm volatile("" : "+r"(p));
@@ -52,6 +52,15 @@ Matrix operator*(const Matrix& a, const Matrix& b) {
                       dot(a.row[i], columns.row[2])};
   return product;
 }
+Matrix operator-(const Matrix& a, const Matrix& b) {
+  return {{a.row[0] - b.row[0], a.row[1] - b.row[1], a.row[2] - b.row[2]}};
+}
+// The inertia of a point of this mass at d.
+Matrix about(double mass, Vector d) {
+  const double s = dot(d, d);
+  return {{mass * (Vector{s, 0, 0} - d.x * d), mass * (Vector{0, s, 0} - d.y * d),
+           mass * (Vector{0, 0, s} - d.z * d)}};
+}
 Matrix from_rows(const double* p) { return {{vector_of(p), vector_of(p + 3), vector_of(p + 6)}}; }
 Matrix from_columns(const double* p) { return transposed(from_rows(p)); }
 
@@ -79,7 +88,7 @@ Placement from_interface(const double* column_major) {
           vector_of(column_major + 12)};
 }
 
-// `frame`: 1 to 9. Places of all joints on the way are left in `joints`, if requested.
+// `frame`: 1 to 9. Stores the poses of all joints before it in `joints`, if requested.
 Placement place(int frame, const double* q, const double* F_T_EE, Placement* joints = nullptr) {
   Placement X;
   for (int i = 0; i < kJoints && i < frame; ++i) {
@@ -152,8 +161,13 @@ void inverse_dynamics(const double* q, const double* dq, const double* ddq, Vect
     add(link.mass, vector_of(link.com), from_rows(link.inertia));
     if (i == kJoints - 1) {
       const Placement F = flange_placement();
-      add(carried.mass, F.rotation * carried.com + F.position,
-          F.rotation * carried.inertia * transposed(F.rotation));
+      const Vector com = F.rotation * carried.com + F.position;
+      Matrix inertia = F.rotation * carried.inertia * transposed(F.rotation);
+      if (numbers().keeps_last_inertia != 0) {
+        const double mass = link.mass + carried.mass;
+        inertia = inertia - about(link.mass, (carried.mass / mass) * (com - vector_of(link.com)));
+      }
+      add(carried.mass, com, inertia);
     }
   }
   for (int i = kJoints - 1; i >= 0; --i) {
@@ -226,6 +240,6 @@ EXPORTED c_NE(const double* q, const double* dq, const double* I_load, double m_
 }
 
 EXPORTED g_NE(const double* q, const double* g_earth, double m_load, const double* F_x_Cload, double* out) {
-  // Inertia about the center of mass does not matter at rest.
+  // Inertia about the center of mass has no effect at rest.
   inverse_dynamics(q, nullptr, nullptr, vector_of(g_earth), {m_load, vector_of(F_x_Cload), Matrix{}}, out);
 }

@@ -5,6 +5,7 @@
 #include <fstream>
 #include <random>
 #include <regex>
+#include <sstream>
 #include <string_view>
 #include <unistd.h>
 
@@ -12,7 +13,6 @@
 
 #include "core/model/model_terms.hpp"
 #include "fci/model/model_library.hpp"
-#include "fci/model/model_urdf.hpp"
 #include "models/arm_source.hpp"
 
 namespace multipanda::fci::model_test {
@@ -48,8 +48,8 @@ class Random {
 // A model library as a program uses it: written to a file, loaded, every symbol found.
 class Library {
  public:
-  explicit Library(const RobotDescription& robot) {
-    const auto bytes = model_library(robot);
+  explicit Library(const RobotDescription& robot, LibraryModel model = LibraryModel::scene) {
+    const auto bytes = model_library(robot, model);
     std::string name = std::string(MULTIPANDA_BINARY_DIR) + "/model_XXXXXX";
     const int file = mkstemp(name.data());
     std::ofstream(name, std::ios::binary)
@@ -193,9 +193,51 @@ TEST_P(EveryRobot, LibrarysJacobiansAreItsPosesDerivatives) {
   }
 }
 
+// Outputs of a real Panda's library: where they lie next to the project, in ../shared/data.
+TEST(Model, APandasOwnLibraryGivesTheOutputsOfARealOne) {
+  SKIP_WITHOUT_LIBRARY();
+  std::ifstream file(std::filesystem::path(MULTIPANDA_SOURCE_DIR) / "../shared/data/panda_model_give.csv");
+  if (!file) GTEST_SKIP() << "no outputs of a real Panda's library at ../shared/data";
+  const Library library(load_robot("fer"), LibraryModel::own), scene(load_robot("fer"));
+  const double mass[] = {0, 1.23};
+  const Vector3 com(-0.0018699187, 0.0081300813, 0.03), down(0, 0, -9.81);
+  const Matrix3 none = Matrix3::Zero(), loads = Vector3(0.0031, 0.0046, 0.0049).asDiagonal();
+  using P = const double*;
+  std::string line;
+  std::getline(file, line);  // names
+  int rows = 0;
+  double scenes_gravity = 0;
+  for (; std::getline(file, line); ++rows) {
+    std::replace(line.begin(), line.end(), ',', ' ');
+    std::istringstream numbers(line);
+    int sample = 0, load = 0;
+    Eigen::Matrix<double, 7, 1> q, dq, g, c, found;
+    Eigen::Matrix<double, 7, 7> M, found_M;
+    numbers >> sample >> load;
+    for (auto* v : {&q, &dq, &g, &c})
+      for (double& x : *v) numbers >> x;
+    for (double& x : M.reshaped()) numbers >> x;
+    ASSERT_TRUE(numbers) << line;
+    const double kg = mass[load];
+    const Matrix3& inertia = load == 0 ? none : loads;
+    library.call<P, P, double, P, double*>("g_NE", q.data(), down.data(), kg, com.data(), found.data());
+    EXPECT_LT((found - g).lpNorm<Eigen::Infinity>(), 1e-7) << "gravity of sample " << sample;
+    library.call<P, P, P, double, P, double*>("c_NE", q.data(), dq.data(), inertia.data(), kg, com.data(),
+                                              found.data());
+    EXPECT_LT((found - c).lpNorm<Eigen::Infinity>(), 1e-7) << "Coriolis of sample " << sample;
+    library.call<P, P, double, P, double*>("M_NE", q.data(), inertia.data(), kg, com.data(), found_M.data());
+    EXPECT_LT((found_M - M).lpNorm<Eigen::Infinity>(), 1e-8) << "mass of sample " << sample;
+    scene.call<P, P, double, P, double*>("g_NE", q.data(), down.data(), kg, com.data(), found.data());
+    scenes_gravity = std::max(scenes_gravity, (found - g).lpNorm<Eigen::Infinity>());
+  }
+  EXPECT_EQ(rows, 40);
+  EXPECT_GT(scenes_gravity, 0.1);  // the published parameters are other ones
+  EXPECT_LT(scenes_gravity, 0.2);
+}
+
 TEST(Model, LibraryHasNoDependencies) {
   SKIP_WITHOUT_LIBRARY();
-  const auto bytes = model_library(load_robot("fer"));
+  const auto bytes = model_library(load_robot("fer"), LibraryModel::own);
   EXPECT_LT(bytes.size(), 100000u);
   const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
   EXPECT_EQ(text.find("libstdc++"), std::string_view::npos);
@@ -289,7 +331,7 @@ TEST(Model, TextHasTheNamesThatLibfrankaRequires) {
 TEST(Model, RefusesArmsWithMoreThanSevenJoints) {
   const RobotDescription six = load_robot(kUr5e);
   EXPECT_THROW(model_urdf(six), std::invalid_argument);
-  EXPECT_THROW(model_library(six), std::invalid_argument);
+  EXPECT_THROW(model_library(six, LibraryModel::own), std::invalid_argument);
 }
 
 }  // namespace

@@ -1,11 +1,11 @@
 #include "fci/server/arm_port.hpp"
 
+#include <algorithm>
 #include <sys/epoll.h>
 #include <sys/socket.h>
 
 #include "core/model/prismatic_joints.hpp"
 #include "core/types/time.hpp"
-#include "fci/server/arm_client.hpp"
 #include "fci/server/wire_requests.hpp"
 
 namespace multipanda::fci {
@@ -16,19 +16,19 @@ namespace {
 // after this time.
 constexpr std::chrono::milliseconds kStartedIsRead{50};
 
-// A connection without a Connect request occupies the only slot.
+// A connection without a Connect request would occupy the only slot.
 constexpr std::chrono::seconds kHandshake{2};
 
-// For answers to the state before the last, in real time.
+// For torques that answer the state before the last, in real time.
 constexpr std::chrono::microseconds kGrace{300};
 
-// States between two that are skipped for a lagging program.
+// Number of states between two that are skipped for a lagging program.
 constexpr std::uint64_t kLeaveOutEvery = 100;
 
-// How long a program whose motion has ended waits for the world to advance.
+// Longest time that a program whose motion has ended waits for the world to advance.
 constexpr std::chrono::milliseconds kPartingPatience{5};
 
-// Limits a flood of messages: the rest waits for the next round, so that no program blocks the loop.
+// Bounds a flood of messages: the rest waits for the next round, so that no program blocks the loop.
 constexpr int kDatagramsPerRound = 64, kConnectionsPerRound = 8;
 
 bool is_external(const RobotState& state) {
@@ -37,6 +37,14 @@ bool is_external(const RobotState& state) {
 
 bool is_finish(const RobotCommand& command) {
   return command.motion_generation_finished || command.torque_command_finished;
+}
+
+// Up to protocol version 9 a program that sends torques alone requests joint velocities, and sends zeros.
+bool has_torques_alone(const MotionRequest& motion, const RobotCommand& command) {
+  return motion.controller == ArmController::external &&
+         (motion.generator == MotionGenerator::none ||
+          (motion.generator == MotionGenerator::joint_velocity &&
+           std::all_of(command.dq_c.begin(), command.dq_c.end(), [](double v) { return v == 0; })));
 }
 
 }  // namespace
@@ -128,7 +136,7 @@ void ArmPort::receive(HostTime now) {
   for (int i = 0; i < kDatagramsPerRound; ++i) {
     std::int64_t arrived_ns = 0;
     const auto size = receive_stamped(client_->udp, datagram, config_.lockstep ? nullptr : &arrived_ns);
-    if (size < 0) break;  // none left; or an answer that the program's socket is closed
+    if (size < 0) break;  // none left; or an error because the program's socket is closed
     const std::span<const std::byte> bytes(datagram.data(), static_cast<std::size_t>(size));
     if (config_.lockstep || in_.is_clear()) {
       take_datagram(bytes, std::chrono::nanoseconds(arrived_ns == 0 ? 0 : arrived_ns - published_ns_));
@@ -156,10 +164,16 @@ void ArmPort::take_datagram(std::span<const std::byte> datagram, std::chrono::na
   if (!motion_.runs || id < motion_.first_state) return;
   if (!motion_.asynchronous && motion_.commanded) {
     if (id <= newest_command_) return;  // a duplicate
+    // In real time the period of a late set-point has been extrapolated: taken now, it would step back.
+    const auto in_grace = [&] {
+      return after <= kGrace && (config_.lockstep || has_torques_alone(arm_.motion(), received_));
+    };
     const bool late = config_.strict ? id < message_id_ || after > kAnswerTime
-                                     : id + 1 < message_id_ || (id < message_id_ && after > kGrace);
+                                     : id + 1 < message_id_ || (id < message_id_ && !in_grace());
     if (late) {
       counts_.commands_late.add();
+      lagging_ = lagging_ || id == latest_late_ + 1;
+      latest_late_ = id;
       return;
     }
   }
@@ -245,7 +259,9 @@ void ArmPort::publish() {
     publish_with_fates(bytes);
   } else if (config_.lockstep || out_.is_clear()) {
     send_state(bytes);
-    if (!config_.lockstep) published_ns_ = stamp_clock_ns();  // a stall before it is not the program's
+    if (!config_.lockstep)
+      published_ns_ = stamp_clock_ns();  // a stall before it is not charged to the
+                                         // program
   } else {
     if (!out_.put(bytes, published_at_)) counts_.states_lost.add();
     out_.deliver(published_at_, [this](auto due) { send_state(due); });

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <array>
+#include <atomic>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -8,15 +10,41 @@
 
 #include "backends/simulated_arm/simulated_arm.hpp"
 #include "fci/server/datagram_faults.hpp"
-#include "fci/server/port.hpp"
 #include "fci/server/sockets.hpp"
 #include "fci/server/state_packet.hpp"
-#include "fci/server/statistics.hpp"
 #include "fci/wire/frame_reader.hpp"
 #include "fci/wire/requests.hpp"
 #include "fci/wire/state_layout.hpp"
 
 namespace multipanda::fci {
+
+// A counter that one thread writes and any thread may read.
+class Count {
+ public:
+  void add(std::uint64_t n = 1) {
+    value_.store(value_.load(std::memory_order_relaxed) + n, std::memory_order_relaxed);
+  }
+  void set(std::uint64_t n) { value_.store(n, std::memory_order_relaxed); }
+  std::uint64_t get() const { return value_.load(std::memory_order_relaxed); }
+
+ private:
+  std::atomic<std::uint64_t> value_{0};
+};
+
+// Counts of an arm's control port since its start.
+struct PortStatistics {
+  std::uint64_t clients = 0,
+                refused = 0;  // programs that connected; that were refused because another was connected
+  std::uint64_t motions = 0;  // started
+  std::uint64_t states_sent = 0;
+  std::uint64_t states_lost = 0;        // by injected faults, or because the program's socket was full
+  std::uint64_t commands_received = 0;  // as datagrams
+  std::uint64_t commands_used = 0;
+  std::uint64_t commands_late = 0;    // arrived after the period of the state that they answer: dropped
+  std::uint64_t commands_lost = 0;    // by injected faults
+  std::uint64_t commands_missed = 0;  // periods of a motion without a command in time
+  std::uint64_t bad_datagrams = 0, bad_requests = 0;
+};
 
 // The arm's model for download.
 struct ModelDownload {
@@ -30,26 +58,27 @@ struct ArmPortConfig {
   std::uint16_t port = kArmPort;
   // The world waits for this arm's command. Otherwise a command must arrive before the end of the period.
   bool lockstep = false;
-  // An answer counts only if it is to the last state and arrives within kAnswerTime of its sending.
+  // An answer is valid only for the last state and within kAnswerTime after it was sent.
   bool strict = false;
-  bool own_clock = false;  // stepped() is called at the arm's own instants, between steps of the world
+  bool own_clock = false;  // stepped() is called at the arm's own times, between steps of the world
   FixedConfig fixed;
   ModelDownload model;
   std::uint64_t seed = 1;  // of injected faults
 };
 
 // The control port of one virtual arm, as a real arm has it: one program at a time, TCP for requests, UDP for
-// states and commands, every version of the protocol that fci/wire knows. It passes commands to `arm` and
+// states and commands, the versions of the protocol that its system has. It passes commands to `arm` and
 // publishes its states; the loop advances the world in between:
 //
 //   receive()  command()  [the world advances]  stepped()
 //
 // The port accepts a command that answers the last published state. It drops answers to older states as
 // late, as Franka documents; the first command of a motion and commands of asynchronous motions may be
-// older. In real time, answers to the state before the last are accepted for kGrace: the arms of one world
-// tick together, and a program that reads one arm while it waits for the other would otherwise always be
-// late. In lock-step they are accepted until a newer answer arrives. With `strict` neither is: an answer
-// that is late is dropped, as by a real arm. A program that violates the protocol loses its connection.
+// older. In real time, torques that answer the state before the last are accepted for kGrace: the arms of one
+// world tick together, and a program that reads one arm while it waits for the other would otherwise always
+// be late. Set-points are not: their period has been extrapolated. In lock-step both are accepted until a
+// newer answer arrives. With `strict` none is: an answer that is late is dropped, as by a real arm. A program
+// that violates the protocol loses its connection.
 //
 // One thread; nothing blocks; receive(), command() and stepped() do not allocate.
 class ArmPort : public Port {
@@ -97,16 +126,20 @@ class ArmPort : public Port {
   // Lock-step: when an answer to the state before the last arrived.
   bool has_stale_answer() const { return has_pending_ && !answered_; }
   HostTime stale_since() const { return stale_since_; }
-  HostTime motion_shown_at() const { return motion_.shown; }  // by a state, the motion that runs
+  HostTime motion_shown_at() const {
+    return motion_.shown;
+  }  // time when a state first showed the running
+     // motion
   // Whether and when an event occurred that the next state must show.
   bool wants_state() const { return wants_state_; }
   HostTime wanted_at() const { return wanted_at_; }
+  bool is_recovering() const { return recoveries_.count > 0; }  // a program waits for its end
   // Whether a program is connected and the arm does not move.
   bool may_begin() const;
 
   // --- injection ---
   void set_faults(const DatagramFaults& faults);
-  void freeze(std::int64_t periods);  // neither sends nor receives for so long
+  void freeze(std::int64_t periods);  // neither sends nor receives for this many periods
   void close_connection();
   PortStatistics statistics() const;
 
@@ -121,7 +154,7 @@ class ArmPort : public Port {
     bool commanded = false;  // its first command has arrived
     bool stop_requested = false;
     HostTime started{}, shown{};
-    std::optional<Status> end{};  // to be reported
+    std::optional<Status> end{};  // still to be reported
   };
 
   // TCP
@@ -173,12 +206,13 @@ class ArmPort : public Port {
   RobotCommand received_, pending_;  // just received; for this period
   bool has_pending_ = false;
   HostTime answered_at_, stale_since_;
-  bool lagging_ = false;              // lock-step: the last period used a stale answer
+  bool lagging_ = false;              // the last period used a stale answer, or two in a row were late
   std::uint64_t left_out_ = 0;        // the last state that was skipped
   std::int64_t published_ns_ = 0;     // on the clock of the datagrams' time stamps
   bool answered_ = false;             // the program has answered the last state, even if the answer was lost
   bool silent_ = false;               // lock-step: the world advanced without its answer
   std::uint64_t newest_command_ = 0;  // its message_id
+  std::uint64_t latest_late_ = 0;     // of the last answer dropped as late
   InterfaceCommand command_;
   std::array<std::byte, kMaxStateSize> state_bytes_{};
 
@@ -186,7 +220,7 @@ class ArmPort : public Port {
   // Lock-step: outcome of this period's datagrams
   enum class AnswerFate : std::uint8_t { arrives, lost, late } answer_fate_ = AnswerFate::arrives;
   bool state_lost_ = false;
-  std::optional<std::size_t> overtaken_;  // lock-step: a state held back, its size
+  std::optional<std::size_t> overtaken_;  // lock-step: a delayed state, its size
   std::array<std::byte, kMaxStateSize> overtaken_bytes_{};
   std::int64_t frozen_ = 0;  // periods left
 
@@ -194,6 +228,19 @@ class ArmPort : public Port {
     Count clients, refused, motions, states_sent, states_lost, commands_received, commands_used,
         commands_late, commands_lost, commands_missed, bad_datagrams, bad_requests;
   } counts_;
+};
+
+// The connected program.
+struct ArmPort::Client {
+  Client(Accepted accepted, Poll& poll, Port& port)
+      : stream(std::move(accepted.socket), accepted.peer, poll, port), since(host_now()) {}
+
+  TcpStream stream;
+  HostTime since;
+  const Dialect* dialect = nullptr;  // none before Connect
+  Socket udp;
+  bool watches_udp = false;
+  bool closing = false;  // once everything is sent
 };
 
 }  // namespace multipanda::fci

@@ -20,16 +20,22 @@ bool in_mode(const RobotState& s, RobotMode mode) { return s.robot_mode == stati
 
 class OneArm : public testing::Test {
  protected:
-  explicit OneArm(VirtualArmOptions options = {}) : arms_(scene(), with_place(std::move(options))) {
+  explicit OneArm(VirtualArmOptions options = {}, Scene world = scene())
+      : arms_(std::move(world), with_place(std::move(options))) {
     arms_.start();
   }
   static Scene scene() { return multipanda::test::scene_of({multipanda::test::arm_named("left")}); }
   static VirtualArmOptions with_place(VirtualArmOptions options) {
-    options.places = {{.address = test::own_address(0), .port = 0, .gripper_port = 0, .vacuum_port = 0}};
+    options.places = {{.address = test::own_address(0),
+                       .port = 0,
+                       .gripper_port = 0,
+                       .vacuum_port = 0,
+                       .versions = VersionRange{}}};
     options.pace = WorldPace::lockstep;
     return options;
   }
   const ArmPlace& place() const { return arms_.place(0); }
+  void recover_at_speed();
   PortStatistics counts() const { return arms_.statistics(0); }
 
   VirtualArms arms_;
@@ -52,6 +58,38 @@ TEST_F(OneArm, supportsVersions4To10AndOffersItsOwnToOthers) {
     EXPECT_EQ(program.answer(), Status::incompatible_version) << version;
     EXPECT_EQ(program.server_version(), kNewestVersion);
     EXPECT_TRUE(program.is_closed());
+  }
+}
+
+// Unless a version is named: as the systems of Pandas and of Franka Research 3 have had them (docs/fci.md).
+TEST(Protocol, anArmRefusesVersionsThatItsSystemDoesNotHave) {
+  struct Case {
+    const char* model;
+    int of_scene;  // 0: not named
+    std::optional<VersionRange> of_place;
+    VersionRange expected;
+  };
+  for (const auto& [model, of_scene, of_place, expected] :
+       {Case{"fer", 0, {}, {4, 5}}, Case{"fr3", 0, {}, {6, 10}}, Case{"fr3v2", 0, {}, {6, 10}},
+        Case{"fer", 4, {}, {4, 4}}, Case{"fr3", 8, VersionRange{9, 9}, {9, 9}}}) {
+    SceneArm arm = multipanda::test::arm_named("arm");
+    arm.model = model;
+    if (of_scene != 0) arm.fci = FciConnection{.version = of_scene};
+    VirtualArmOptions options{.pace = WorldPace::lockstep};
+    options.places = {{.address = test::own_address(0),
+                       .port = 0,
+                       .gripper_port = 0,
+                       .vacuum_port = 0,
+                       .versions = of_place}};
+    VirtualArms arms(multipanda::test::scene_of({arm}), options);
+    arms.start();
+    for (std::uint16_t version = 4; version <= 10; ++version) {
+      TestProgram program(arms.place(0), version);
+      const bool accepted = version >= expected.oldest && version <= expected.newest;
+      EXPECT_EQ(program.answer(), accepted ? Status::success : Status::incompatible_version)
+          << model << ", " << version;
+      EXPECT_EQ(program.server_version(), accepted ? version : expected.newest);
+    }
   }
 }
 
@@ -195,6 +233,102 @@ TEST_F(OneArm, userStopEndsTheMotionUntilItIsReleased) {
   EXPECT_TRUE(in_mode(program.start_torques(), RobotMode::move));
 }
 
+void OneArm::recover_at_speed() {
+  TestProgram program(place());
+  RobotState state = program.start_torques();
+  for (double tau = 0; state.dq[0] < 1; tau = std::min(20.0, tau + 0.9)) {
+    RobotCommand command = program.torques(state);
+    command.tau_J_d[0] = tau;
+    program.command(command);
+    state = program.read();
+    ASSERT_TRUE(in_mode(state, RobotMode::move));
+  }
+  ASSERT_TRUE(arms_.raise(0, ArmError::joint_reflex));
+  while (in_mode(state, RobotMode::move)) state = program.exchange(state);
+  EXPECT_EQ(program.reply(program.move()), Status::reflex_aborted);
+  ASSERT_GT(state.dq[0], 0.5) << "it brakes";
+  const auto recovery = program.send(AutomaticErrorRecoveryRequest{});
+  state = program.read_until([](const auto& s) { return in_mode(s, RobotMode::automatic_error_recovery); });
+  EXPECT_EQ(error_bits(state.errors), 0u);
+  state = program.read_until(is_idle);
+  for (const double v : state.dq) EXPECT_LT(std::abs(v), 0.03);
+  EXPECT_EQ(program.reply(recovery), Status::success);
+  state = program.begin_positions();
+  const auto q = state.q_d;
+  for (int i = 0; i < 50; ++i) {
+    program.command({.message_id = state.message_id, .q_c = q});
+    state = program.read();
+    ASSERT_TRUE(in_mode(state, RobotMode::move)) << i;
+  }
+}
+
+TEST_F(OneArm, recoveryIsAnsweredWhenTheArmIsAtRest) { recover_at_speed(); }
+
+class StandingArm : public OneArm {
+ protected:
+  StandingArm() : OneArm({.idle_stands_still = true}) {}
+};
+TEST_F(StandingArm, recoversToo) { recover_at_speed(); }
+
+class StretchedArm : public OneArm {
+ protected:
+  StretchedArm() : OneArm({}, stretched()) {}
+  static Scene stretched() {
+    Scene world = scene();
+    world.arms[0].q_start << 0, 1.28, 0, -0.5415, 0, 2.74, 0;
+    return world;
+  }
+};
+
+// As users of real arms report: as an error of the motion, not of the request.
+TEST_F(StretchedArm, refusesCartesianMotionsAfterTheyHaveStarted) {
+  TestProgram program(place());
+  program.read();
+  const auto id = program.send(MoveRequest{.controller = MoveController::joint_impedance,
+                                           .generator = MoveGenerator::cartesian_position});
+  EXPECT_EQ(program.reply(id), Status::motion_started);
+  EXPECT_EQ(program.reply(id), Status::singular);
+  EXPECT_TRUE(is_idle(program.read_newest()));
+  EXPECT_TRUE(in_mode(program.begin_positions(), RobotMode::move)) << "out of it by joints";
+  EXPECT_EQ(counts().motions, 1u);
+}
+
+// Programs write cos 45 degrees as 0.7071, and so does the arm: columns whose length is 1 within 1e-5 become
+// the rotation that was meant.
+TEST_F(OneArm, framesOfFourDigitsAreAcceptedAsRotations) {
+  TestProgram program(place());
+  const auto turned = [](double c) {
+    return std::array<double, 16>{c, -c, 0, 0, c, c, 0, 0, 0, 0, 1, 0, 0, 0, 0.05, 1};
+  };
+  EXPECT_EQ(program.ask(SetNEToEERequest{turned(0.7071)}), Status::success);
+  EXPECT_EQ(program.ask(SetEEToKRequest{turned(0.7071)}), Status::success);
+  const auto shown =
+      program.read_until([](const auto& s) { return s.EE_T_K[14] > 0.04 && s.NE_T_EE[14] > 0.04; });
+  for (const auto* frame : {&shown.O_T_EE, &shown.EE_T_K, &shown.NE_T_EE}) {
+    const Matrix3 R = pose_of(*frame).rotation;
+    EXPECT_LT((R * R.transpose() - Matrix3::Identity()).cwiseAbs().maxCoeff(), 1e-6)
+        << "single precision; four digits are off by 2e-5";
+  }
+  EXPECT_NEAR(shown.EE_T_K[0], std::sqrt(0.5), 1e-7);
+  // The nominal end effector that the arm shows, inverted: E at the flange.
+  const Pose X_FNE = pose_of(program.read().F_T_NE);
+  EXPECT_EQ(program.ask(SetNEToEERequest{column_major(X_FNE.inverse())}), Status::success);
+  EXPECT_EQ(program.ask(SetNEToEERequest{turned(0.707)}), Status::invalid_argument);
+  EXPECT_EQ(program.ask(SetEEToKRequest{turned(0.70715)}), Status::invalid_argument);
+}
+
+TEST_F(OneArm, aLoadIsRefusedInAReflex) {
+  TestProgram program(place());
+  program.read();
+  const SetLoadRequest load{.m_load = 0.5, .F_x_Cload = {0, 0, 0.05}, .I_load = {}};
+  EXPECT_TRUE(arms_.request(0, SetUserStop{true}).get().success);
+  program.read_until([](const auto& s) { return in_mode(s, RobotMode::user_stopped); });
+  EXPECT_EQ(program.ask(load), Status::not_possible);
+  EXPECT_TRUE(arms_.request(0, SetUserStop{false}).get().success);
+  program.read_until(is_idle);
+  EXPECT_EQ(program.ask(load), Status::success);
+}
+
 TEST_F(OneArm, settersShowInTheStateAndAreRefusedInMotion) {
   TestProgram program(place());
   program.read();
@@ -202,10 +336,10 @@ TEST_F(OneArm, settersShowInTheStateAndAreRefusedInMotion) {
       .m_load = 0.5, .F_x_Cload = {0.01, 0.02, 0.03}, .I_load = {2e-3, 0, 0, 0, 3e-3, 0, 0, 0, 4e-3}};
   EXPECT_EQ(program.ask(load), Status::success);
   SetEEToKRequest k;
-  k.EE_T_K = to_wire(Pose{rotation_from_rpy({0.1, 0.2, 0.3}), {0.01, 0.02, 0.05}});
+  k.EE_T_K = column_major(Pose{rotation_from_rpy({0.1, 0.2, 0.3}), {0.01, 0.02, 0.05}});
   EXPECT_EQ(program.ask(k), Status::success);
   SetNEToEERequest ne;
-  ne.NE_T_EE = to_wire(Pose{rotation_from_rpy({0, 0, 0.5}), {0, 0, 0.1}});
+  ne.NE_T_EE = column_major(Pose{rotation_from_rpy({0, 0, 0.5}), {0, 0, 0.1}});
   EXPECT_EQ(program.ask(ne), Status::success);
   const auto shown = program.read_until([](const auto& s) { return s.m_load > 0 && s.NE_T_EE[14] > 0.09; });
   EXPECT_FLOAT_EQ(static_cast<float>(shown.m_load), 0.5f);
@@ -220,6 +354,11 @@ TEST_F(OneArm, settersShowInTheStateAndAreRefusedInMotion) {
 
   load.m_load = -1;
   EXPECT_EQ(program.ask(load), Status::invalid_argument);
+  // What socket and ROS refuse: more than the arm carries, a gravity vector as center of mass.
+  EXPECT_EQ(program.ask(SetLoadRequest{.m_load = 5, .F_x_Cload = {0, 0, 0.1}, .I_load = {}}),
+            Status::invalid_argument);
+  EXPECT_EQ(program.ask(SetLoadRequest{.m_load = 0.4, .F_x_Cload = {0, 0, -9.81}, .I_load = {}}),
+            Status::invalid_argument);
   k.EE_T_K[0] = std::nan("");
   EXPECT_EQ(program.ask(k), Status::invalid_argument);
   ne.NE_T_EE[3] = 0.5;  // the bottom row
@@ -368,7 +507,11 @@ class RealTimeArm : public testing::Test {
  protected:
   static VirtualArmOptions options(bool strict, std::vector<ClockOffset> clocks = {}) {
     VirtualArmOptions options{.pace = WorldPace::realtime, .strict = strict, .clocks = std::move(clocks)};
-    options.places = {{.address = test::own_address(0), .port = 0, .gripper_port = 0, .vacuum_port = 0}};
+    options.places = {{.address = test::own_address(0),
+                       .port = 0,
+                       .gripper_port = 0,
+                       .vacuum_port = 0,
+                       .versions = VersionRange{}}};
     return options;
   }
   static Scene scene() { return multipanda::test::scene_of({multipanda::test::arm_named("left")}); }
@@ -406,6 +549,83 @@ TEST_F(RealTimeArm, strictDropsTheAnswerToTheStateBeforeTheLast) {
     dropped = in_mode(next, RobotMode::move) && after.commands_late > before.commands_late;
   }
   EXPECT_TRUE(dropped);
+}
+
+// The period of a late set-point has been extrapolated; taken one period later it would stop the motion for a
+// millisecond: 0.1 rad/s are 100 rad/s^2. Joint 1 follows a curve over the arm's own time, at first with
+// 0.1 rad/s^2, so that whatever is extrapolated lies on it.
+TEST_F(RealTimeArm, lateSetPointsAreDropped) {
+  VirtualArms arms(scene(), options(false));
+  arms.start();
+  TestProgram program(arms.place(0));
+  ASSERT_TRUE(program.connected());
+  int series = 0;  // of six answers, each to the state before the last
+  for (int motions = 0; motions < 20 && series < 6; ++motions) {
+    RobotState state = program.begin_positions();
+    const RobotState first = state;
+    const auto answer = [&](const RobotState& to) {
+      const double t = 1e-3 * static_cast<double>(to.message_id - first.message_id);
+      RobotCommand command{.message_id = to.message_id, .q_c = first.q_d};
+      command.q_c[0] += t < 1 ? 0.05 * t * t : 0.1 * t - 0.05;
+      program.command(command);
+    };
+    std::uint64_t late = 0;
+    while (in_mode(state, RobotMode::move) && series < 6) {
+      const bool cruises = state.message_id > first.message_id + 1100;
+      const int lags = cruises && state.message_id > late + 100 ? 6 : 0;
+      for (int i = 0; i < lags; ++i) {
+        const RobotState next = program.read();
+        answer(state);
+        state = next;
+      }
+      if (lags > 0) {
+        late = state.message_id;
+        if (in_mode(state, RobotMode::move)) ++series;
+      }
+      answer(state);
+      state = program.read_newest();
+    }
+    const std::uint64_t silence = error_bit(ArmError::communication_constraints_violation);
+    ASSERT_EQ(error_bits(state.errors) & ~silence, 0u) << "after " << series << " series";
+    if (in_mode(state, RobotMode::move)) break;
+    EXPECT_EQ(program.reply(program.move()), Status::reflex_aborted);  // the machine was too slow
+    EXPECT_EQ(program.ask(AutomaticErrorRecoveryRequest{}), Status::success);
+  }
+  EXPECT_EQ(series, 6);
+  EXPECT_GE(arms.statistics(0).commands_late, 36u);
+}
+
+// One thread with two arms reads a state of the second one that is one period old, forever: a state is left
+// out for it, before its set-points have been dropped 20 times.
+TEST_F(RealTimeArm, aProgramThatStaysOneStateBehindIsSetRight) {
+  VirtualArmOptions both = options(false);
+  both.places.push_back(both.places[0]);
+  both.places[1].address = test::own_address(1);
+  VirtualArms arms(
+      multipanda::test::scene_of({multipanda::test::arm_named("left"),
+                                  multipanda::test::arm_named("right", multipanda::test::pose(0, 1, 0))}),
+      both);
+  arms.start();
+  TestProgram left(arms.place(0)), right(arms.place(1));
+  bool moves = false;
+  for (int tries = 0; tries < 20 && !moves; ++tries) {  // a slow machine loses more
+    right.read_newest();
+    RobotState r = right.begin_positions();
+    const auto q = r.q_d;
+    left.read_newest();
+    for (int i = 0; i < 200; ++i) {
+      left.read();
+      right.command({.message_id = r.message_id, .q_c = q});
+      r = right.read();
+    }
+    moves = in_mode(r, RobotMode::move);
+    if (!moves) {
+      EXPECT_EQ(right.reply(right.move()), Status::reflex_aborted);
+      EXPECT_EQ(right.ask(AutomaticErrorRecoveryRequest{}), Status::success);
+    }
+  }
+  EXPECT_TRUE(moves);
+  EXPECT_GT(arms.statistics(1).commands_late, 0u);
 }
 
 // Its own numbers follow each other, whatever the world's steps are, and the torque of an answer is in the

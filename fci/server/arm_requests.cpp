@@ -1,6 +1,5 @@
 #include <system_error>
 
-#include "fci/server/arm_client.hpp"
 #include "fci/server/arm_port.hpp"
 #include "fci/server/wire_requests.hpp"
 
@@ -111,8 +110,8 @@ bool ArmPort::serve(const Message& message) {
       });
     case Command::get_cartesian_limit:
       return take(GetCartesianLimitRequest{}, [&](const auto&) {
-        CartesianLimit limit;  // no virtual wall
-        limit.object_frame = to_wire(Pose{});
+        CartesianLimit limit;  // there is no virtual wall
+        limit.object_frame = column_major(Pose{});
         std::array<std::byte, kMaxPlainReplySize> bytes{};
         const std::size_t size = encode(dialect, limit, bytes);
         reply(*command, message.command_id, Status::success, {bytes.data(), size});
@@ -143,12 +142,14 @@ void ArmPort::reply(Command command, std::uint32_t command_id, Status status,
 bool ArmPort::connect(const Message& message) {
   ConnectRequest request;
   if (decode_request(kDialects.back(), message.payload, request) != WireResult::ok) return false;
-  const Dialect* spoken = dialect(request.version);
+  const VersionRange& own = config_.fixed.versions;
+  const bool accepted = request.version >= own.oldest && request.version <= own.newest;
+  const Dialect* spoken = accepted ? dialect(request.version) : nullptr;
   std::array<std::byte, kMaxPlainReplySize> bytes{};
-  // A real arm reports its own version. This one reports the program's version if it is supported.
+  // A real arm reports its own version. This one may have several, and reports the program's if it is one.
   const std::size_t size = encode_connect_reply(
       message.command_id, spoken != nullptr ? Status::success : Status::incompatible_version,
-      spoken != nullptr ? spoken->version : kNewestVersion, bytes);
+      spoken != nullptr ? spoken->version : own.newest, bytes);
   client_->stream.send({bytes.data(), size});
   if (spoken == nullptr) {
     client_->closing = true;
@@ -178,17 +179,20 @@ void ArmPort::move(std::uint32_t command_id, const MoveRequest& request) {
   if (motion_.runs) return reply(Command::move, command_id, Status::not_possible);
   const MotionRequest requested = motion_request(request);
   const MotionStart start = arm_.start_motion(requested);
-  reply(Command::move, command_id, status_of(start));
-  if (start != MotionStart::started) return;
-  counts_.motions.add();
+  // An arm tells of a singular pose after it has accepted the motion: libfranka then throws ControlException.
+  const bool singular = start == MotionStart::singular;
+  reply(Command::move, command_id, singular ? Status::motion_started : status_of(start));
+  if (start != MotionStart::started && !singular) return;
+  if (!singular) counts_.motions.add();
   motions_ended_ = arm_.motions_ended();
-  motion_ = {.runs = true,
+  motion_ = {.runs = !singular,
              .command_id = command_id,
              .first_state = message_id_ + 1,
              .asynchronous = requested.asynchronous,
              .started = host_now()};
+  if (singular) motion_.end = status_of(start);
   has_pending_ = answered_ = silent_ = lagging_ = false;
-  newest_command_ = left_out_ = 0;
+  newest_command_ = latest_late_ = left_out_ = 0;
   want_state();
 }
 
@@ -201,7 +205,7 @@ void ArmPort::stop_move(std::uint32_t command_id) {
   if (!motion_.end || stops_.count == stops_.ids.size()) {
     return reply(Command::stop_move, command_id, Status::success);
   }
-  stops_.ids[stops_.count++] = command_id;  // after the reply to the Move
+  stops_.ids[stops_.count++] = command_id;  // sent after the reply to the Move
   want_state();
 }
 
@@ -212,7 +216,7 @@ void ArmPort::recover(std::uint32_t command_id) {
   arm_.apply(RecoverFromError{});
   const ArmMode mode = arm_.mode();
   if (mode == ArmMode::idle || mode == ArmMode::recovering) {
-    // The program may move as soon as it has the answer, so the arm must be ready first.
+    // The program may move as soon as it gets the answer, so the arm must be ready before.
     recoveries_.ids[recoveries_.count++] = command_id;
     want_state();
     return;
@@ -222,7 +226,7 @@ void ArmPort::recover(std::uint32_t command_id) {
 
 Status ArmPort::apply(const std::optional<ArmRequest>& request) {
   if (motion_.runs) return Status::not_possible;
-  if (!request || !check_request(*request, kWireJoints).empty()) return Status::invalid_argument;
+  if (!request || !check_request(*request, arm_.model()).empty()) return Status::invalid_argument;
   return arm_.apply(*request) == ArmReply::done ? Status::success : Status::not_possible;
 }
 

@@ -16,7 +16,7 @@ std::string check(const DatagramFaults& faults) {
 }
 
 FaultyLine::Fate FaultyLine::draw() {
-  // Always draws the same number of random values, so that the rate of one fault does not affect the others.
+  // Always draws the same number of random values, so that one fault's rate does not affect the others.
   std::array<double, 4> u{};
   for (double& value : u) value = static_cast<double>(random_() >> 11) * 0x1p-53;
   Fate fate;

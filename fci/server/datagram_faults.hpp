@@ -16,9 +16,9 @@ namespace multipanda::fci {
 // Network faults, the same in both directions. All zero: none.
 struct DatagramFaults {
   double latency_s = 0;  // of every datagram
-  double jitter_s = 0;   // on top, evenly distributed from 0 to this
-  double loss = 0;       // fraction of datagrams that never arrive
-  double duplicate = 0;  // share that arrives twice
+  double jitter_s = 0;   // additional delay, uniform from 0 to this
+  double loss = 0;       // fraction of datagrams that are lost
+  double duplicate = 0;  // fraction that arrives twice
   double reorder = 0;    // fraction that is overtaken by the next one
 
   bool any() const { return latency_s > 0 || jitter_s > 0 || loss > 0 || duplicate > 0 || reorder > 0; }
@@ -40,7 +40,7 @@ class FaultyLine {
     bool lost = false, duplicated = false, overtaken = false;
     std::chrono::nanoseconds delay{0};
   };
-  Fate draw();  // of the next datagram
+  Fate draw();  // faults of the next datagram
 
   // Adds a datagram at `now`. False: lost, also if the buffer is full.
   bool put(std::span<const std::byte> datagram, HostTime now);

@@ -1,8 +1,12 @@
 #include "fci/server/end_effector_port.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <sys/epoll.h>
 #include <sys/socket.h>
 #include <system_error>
+
+#include "core/cycle/requests.hpp"
 
 namespace multipanda::fci {
 namespace {
@@ -11,6 +15,11 @@ namespace {
 constexpr std::chrono::seconds kConnectPatience{2};
 
 constexpr int kAcceptsPerRound = 8;  // limits the work of the arms' loop
+
+constexpr std::uint16_t kTemperature = 30;  // [deg C] of an idle hand
+
+constexpr std::uint8_t kProfiles = 4;
+double seconds(std::int64_t milliseconds) { return 1e-3 * static_cast<double>(milliseconds); }
 
 }  // namespace
 
@@ -161,9 +170,88 @@ void EndEffectorPort::publish() {
 }
 
 void EndEffectorPort::stepped(std::int64_t) {
-  if (client_ && reader_.waiting() > 0) read_requests();  // requests left from the last round
+  if (client_ && reader_.waiting() > 0) read_requests();  // remaining requests of the last round
   answer_finished();
   if (--state_in_ <= 0) publish();
+}
+
+EndEffectorPort::Served GripperPort::serve(const Message& message) {
+  using What = Served::What;
+  const auto motion = [this](const auto& request) { return Served{What::motion, gripper_.start(request)}; };
+  switch (static_cast<GripperCommand>(message.command)) {
+    case GripperCommand::homing: {
+      GripperHomingRequest r;
+      if (decode_gripper(message.payload, r) != WireResult::ok) return {};
+      return motion(GripperHoming{});
+    }
+    case GripperCommand::move: {
+      GripperMoveRequest r;
+      if (decode_gripper(message.payload, r) != WireResult::ok) return {};
+      const GripperMove move{r.width, r.speed};
+      return check(move).empty() ? motion(move) : Served{What::refused};
+    }
+    case GripperCommand::grasp: {
+      GripperGraspRequest r;
+      if (decode_gripper(message.payload, r) != WireResult::ok) return {};
+      const GripperGrasp grasp{r.width, r.speed, r.force, r.epsilon_inner, r.epsilon_outer};
+      return check(grasp).empty() ? motion(grasp) : Served{What::refused};
+    }
+    case GripperCommand::stop: {
+      GripperStopRequest r;
+      if (decode_gripper(message.payload, r) != WireResult::ok) return {};
+      gripper_.stop();
+      return {What::done};
+    }
+    case GripperCommand::connect:
+      break;
+  }
+  return {};
+}
+
+std::size_t GripperPort::encode_state(std::uint32_t message_id, std::span<std::byte> to) const {
+  const auto& state = gripper_.state();
+  return encode_gripper(GripperState{message_id, state.width, state.max_width, state.grasped, kTemperature},
+                        to);
+}
+
+EndEffectorPort::Served VacuumPort::serve(const Message& message) {
+  using What = Served::What;
+  switch (static_cast<VacuumCommand>(message.command)) {
+    case VacuumCommand::vacuum: {
+      VacuumRequest r;
+      if (decode_gripper(message.payload, r) != WireResult::ok) return {};
+      const VacuumOn on{std::clamp(10.0 * r.vacuum, 50.0, 1000.0), seconds(r.timeout)};
+      if (r.profile >= kProfiles || !check(on).empty()) return {What::refused};
+      return {What::motion, vacuum_.start(on)};
+    }
+    case VacuumCommand::drop_off: {
+      VacuumDropOffRequest r;
+      if (decode_gripper(message.payload, r) != WireResult::ok) return {};
+      const VacuumDrop drop{seconds(r.timeout)};
+      if (!check(drop).empty()) return {What::refused};
+      return {What::motion, vacuum_.start(drop)};
+    }
+    case VacuumCommand::stop: {
+      VacuumStopRequest r;
+      if (decode_gripper(message.payload, r) != WireResult::ok) return {};
+      vacuum_.stop();
+      return {What::done};
+    }
+    case VacuumCommand::connect:
+      break;
+  }
+  return {};
+}
+
+std::size_t VacuumPort::encode_state(std::uint32_t message_id, std::span<std::byte> to) const {
+  const SimulatedVacuum::State& state = vacuum_.state();
+  return encode_gripper(VacuumState{.message_id = message_id,
+                                    .in_control_range = state.in_control_range,
+                                    .part_detached = state.part_detached,
+                                    .part_present = state.part_present,
+                                    .actual_power = state.power_percent,
+                                    .vacuum = static_cast<std::int32_t>(std::lround(state.vacuum_mbar))},
+                        to);
 }
 
 }  // namespace multipanda::fci

@@ -4,6 +4,7 @@
 #include "backends/mujoco/testing/test_scenes.hpp"
 #include "fci/server/testing/test_program.hpp"
 #include "fci/server/virtual_arms.hpp"
+#include "scene/load.hpp"
 
 namespace multipanda::fci::example_gains_test {
 namespace {
@@ -37,15 +38,22 @@ struct Motion {
 
 // Leads every joint of one arm along a minimum-jerk path of 2 s with the examples' law, tau = K (q_d - q) - D
 // dq + c, and waits for 2 s.
-Motion lead(const char* model, double rotor_hidden, const PlantFidelity& plant, const Gains& gains) {
+Motion lead(const char* model, bool hand, bool rotors, const PlantFidelity& plant, const Gains& gains) {
   SceneArm arm = arm_named("arm", pose(0.2, -0.3, 0.1, 0, 0, 0.8));
   arm.model = model;
-  arm.rotor_hidden = rotor_hidden;
+  arm.hand = hand;
   VirtualArmOptions options;
-  options.places.push_back({.address = own_address(0), .port = 0, .gripper_port = 0, .vacuum_port = 0});
+  options.real_sensors = true;
+  options.places.push_back({.address = own_address(0),
+                            .port = 0,
+                            .gripper_port = 0,
+                            .vacuum_port = 0,
+                            .versions = VersionRange{}});
   options.pace = WorldPace::lockstep;
   options.idle_stands_still = true;
-  VirtualArms arms(scene_of({arm}, plant), options);
+  Scene scene = scene_of({arm}, plant);
+  if (rotors) let_rotors_act(scene);
+  VirtualArms arms(std::move(scene), options);
   arms.start();
   TestProgram program(arms.place(0));
   ModelTerms terms = terms_of(arm);
@@ -87,16 +95,19 @@ Motion lead(const char* model, double rotor_hidden, const PlantFidelity& plant, 
 }
 
 TEST(ExampleGains, MoveArmsWithRotorsAndComeToRest) {
-  for (const char* model : {"fer", "fr3"}) {
+  for (int i = 0; i < 6; ++i) {
+    const char* model = std::to_array({"fer", "fr3", "fr3v2"})[static_cast<std::size_t>(i / 2)];
+    const bool hand = i % 2 == 0;
     for (const Gains& gains : {kCpp, kPython}) {
-      SCOPED_TRACE(std::string(model) + ", " + gains.of);
-      const Motion ideal = lead(model, 0, {}, gains);
+      SCOPED_TRACE(std::string(model) + (hand ? ", " : " without hand, ") + gains.of);
+      const Motion ideal = lead(model, hand, true, {}, gains);
       EXPECT_TRUE(ideal.moved);
       EXPECT_LT(ideal.error, 2e-3);  // what is left of D dq / K after 2 s
       EXPECT_LT(ideal.speed, 0.01);
       EXPECT_LT(ideal.swing, 1e-4);
-      // Behind 1 ms of delay and motors of 50 Hz, with noise and friction that holds joints back.
-      const Motion realistic = lead(model, 0, PlantFidelity::realistic(), gains);
+      // Behind 1 ms of delay and motors of 50 Hz, with the sensors of real arms and friction that holds
+      // joints back.
+      const Motion realistic = lead(model, hand, true, PlantFidelity::realistic(), gains);
       EXPECT_TRUE(realistic.moved);
       EXPECT_LT(realistic.error, 0.03);
       EXPECT_LT(realistic.speed, 0.02);
@@ -108,8 +119,20 @@ TEST(ExampleGains, MoveArmsWithRotorsAndComeToRest) {
 // The same on links whose motors an ideal torque loop hides: FR3's wrist is too light for 15 N m s/rad at 1
 // kHz. It rattles until the arm stops.
 TEST(ExampleGains, AreTooMuchForAWristWithoutItsRotor) {
-  const Motion motion = lead("fr3", 1, {}, kCpp);
+  const Motion motion = lead("fr3", true, false, {}, kCpp);
   EXPECT_TRUE(!motion.moved || motion.swing > 0.1) << motion.swing;
+}
+
+TEST(Rotors, ActUnlessTheSceneSaysHowMuchOfThemIsHidden) {
+  const Registry registry = Registry::with_builtins();
+  const auto hidden = [&](const char* plant) {
+    Scene scene = parse_scene(std::string("arms:\n  - name: arm\n") + plant, "rotors.yaml", registry);
+    let_rotors_act(scene);
+    return scene.arms[0].rotor_hidden;
+  };
+  EXPECT_EQ(hidden(""), 0);
+  EXPECT_EQ(hidden("plant: {rotor_inertia_hidden: 1}\n"), 1);
+  EXPECT_EQ(hidden("plant: {rotor_inertia_hidden: 0.25}\n"), 0.25);
 }
 
 }  // namespace

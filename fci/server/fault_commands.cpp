@@ -1,12 +1,11 @@
-#include "fci/server/fault_commands.hpp"
-
 #include <array>
 #include <cmath>
 #include <cstdlib>
-#include <functional>
 #include <sstream>
 #include <stdexcept>
 #include <vector>
+
+#include "fci/server/virtual_arms.hpp"
 
 namespace multipanda::fci {
 namespace {
@@ -38,11 +37,17 @@ std::string answer(std::future<RequestAnswer> future) {
   return said.success ? "ok" : said.reason;
 }
 
-std::string change_faults(VirtualArms& arms, ArmIndex arm,
-                          const std::function<void(DatagramFaults&)>& change) {
+// Commands that change one field of the faults each, in units of `unit`.
+template <double DatagramFaults::*kField>
+std::string set_fault(VirtualArms& arms, ArmIndex arm, const std::string& word, const char* what,
+                      double unit = 1) {
   DatagramFaults faults = arms.faults(arm);
-  change(faults);
+  faults.*kField = unit * number(word, what);
   return done(arms.set_faults(arm, faults));
+}
+
+Vector3 vector(const Words& words, const char* what) {
+  return {number(words[0], what), number(words[1], what), number(words[2], what)};
 }
 
 struct Word {
@@ -74,28 +79,23 @@ const std::array kWords{
          }},
     Word{"latency", "ARM MICROSECONDS", "delay datagrams in both directions", 1,
          [](VirtualArms& arms, ArmIndex arm, const Words& w) {
-           const double s = kMicro * number(w[0], "microseconds");
-           return change_faults(arms, arm, [s](DatagramFaults& f) { f.latency_s = s; });
+           return set_fault<&DatagramFaults::latency_s>(arms, arm, w[0], "microseconds", kMicro);
          }},
     Word{"jitter", "ARM MICROSECONDS", "delay datagrams by a random time up to this", 1,
          [](VirtualArms& arms, ArmIndex arm, const Words& w) {
-           const double s = kMicro * number(w[0], "microseconds");
-           return change_faults(arms, arm, [s](DatagramFaults& f) { f.jitter_s = s; });
+           return set_fault<&DatagramFaults::jitter_s>(arms, arm, w[0], "microseconds", kMicro);
          }},
     Word{"loss", "ARM SHARE", "lose this fraction of the datagrams in both directions", 1,
          [](VirtualArms& arms, ArmIndex arm, const Words& w) {
-           const double share = number(w[0], "a share");
-           return change_faults(arms, arm, [share](DatagramFaults& f) { f.loss = share; });
+           return set_fault<&DatagramFaults::loss>(arms, arm, w[0], "a share");
          }},
     Word{"duplicate", "ARM SHARE", "deliver this fraction of the datagrams twice", 1,
          [](VirtualArms& arms, ArmIndex arm, const Words& w) {
-           const double share = number(w[0], "a share");
-           return change_faults(arms, arm, [share](DatagramFaults& f) { f.duplicate = share; });
+           return set_fault<&DatagramFaults::duplicate>(arms, arm, w[0], "a share");
          }},
     Word{"reorder", "ARM SHARE", "let the next datagram overtake this fraction of the datagrams", 1,
          [](VirtualArms& arms, ArmIndex arm, const Words& w) {
-           const double share = number(w[0], "a share");
-           return change_faults(arms, arm, [share](DatagramFaults& f) { f.reorder = share; });
+           return set_fault<&DatagramFaults::reorder>(arms, arm, w[0], "a share");
          }},
     Word{"freeze", "ARM SECONDS", "stop sending and receiving at the port for this time", 1,
          [](VirtualArms& arms, ArmIndex arm, const Words& w) {
@@ -105,16 +105,12 @@ const std::array kWords{
          [](VirtualArms& arms, ArmIndex arm, const Words&) { return done(arms.close_connection(arm)); }},
     Word{"push", "ARM FX FY FZ [SECONDS]", "apply a force to the flange (N, world axes; default 0.5 s)", 3,
          [](VirtualArms& arms, ArmIndex arm, const Words& w) {
-           Vector3 f;
-           for (std::size_t i = 0; i < 3; ++i) f[static_cast<Eigen::Index>(i)] = number(w[i], "a force");
-           return done(arms.push(arm, f, w.size() > 3 ? number(w[3], "seconds") : 0.5));
+           return done(arms.push(arm, vector(w, "a force"), w.size() > 3 ? number(w[3], "seconds") : 0.5));
          }},
     Word{"lead", "ARM X Y Z [SECONDS]",
-         "lead the end effector to a place of the world by hand (m, at most 10 N; default 5 s)", 3,
+         "guide the end effector to a position in the world by hand (m, at most 10 N; default 5 s)", 3,
          [](VirtualArms& arms, ArmIndex arm, const Words& w) {
-           Vector3 p;
-           for (std::size_t i = 0; i < 3; ++i) p[static_cast<Eigen::Index>(i)] = number(w[i], "a place");
-           return done(arms.lead(arm, p, w.size() > 3 ? number(w[3], "seconds") : 5));
+           return done(arms.lead(arm, vector(w, "a place"), w.size() > 3 ? number(w[3], "seconds") : 5));
          }},
 };
 

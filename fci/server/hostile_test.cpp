@@ -217,7 +217,8 @@ class HostilePrograms : public testing::Test {
     return scene;
   }
   static VirtualArmOptions options() {
-    const ArmPlace any{.address = "127.0.0.1", .port = 0, .gripper_port = 0, .vacuum_port = 0};
+    const ArmPlace any{
+        .address = "127.0.0.1", .port = 0, .gripper_port = 0, .vacuum_port = 0, .versions = VersionRange{}};
     return {.places = {any, any}, .pace = WorldPace::lockstep};
   }
 

@@ -1,5 +1,6 @@
 #include "fci/server/sockets.hpp"
 
+#include <algorithm>
 #include <arpa/inet.h>
 #include <array>
 #include <cerrno>
@@ -9,12 +10,22 @@
 #include <poll.h>
 #include <stdexcept>
 #include <sys/epoll.h>
+#include <sys/eventfd.h>
 #include <sys/socket.h>
+#include <sys/timerfd.h>
 #include <system_error>
 #include <unistd.h>
 
 namespace multipanda::fci {
 namespace {
+
+void control(int poll, int what, int file, std::uint32_t events) {
+  epoll_event event{};
+  event.events = events;
+  event.data.fd = file;
+  if (epoll_ctl(poll, what, file, &event) != 0)
+    throw std::system_error(errno, std::system_category(), "epoll");
+}
 
 const sockaddr* generic(const sockaddr_in& address) { return reinterpret_cast<const sockaddr*>(&address); }
 
@@ -42,7 +53,49 @@ std::string cure(int error) {
   }
 }
 
+Socket checked(int file, const char* what) {
+  if (file < 0) throw std::system_error(errno, std::system_category(), what);
+  return Socket(file);
+}
+
+void empty(int file) {
+  std::uint64_t count = 0;
+  [[maybe_unused]] const auto size = ::read(file, &count, sizeof(count));
+}
+
 }  // namespace
+
+Poll::Poll() : file_(epoll_create1(EPOLL_CLOEXEC)) {
+  if (file_ < 0) throw std::system_error(errno, std::system_category(), "epoll");
+}
+
+Poll::~Poll() { ::close(file_); }
+
+void Poll::add(int file, std::uint32_t events, Port& port) {
+  const auto i = static_cast<std::size_t>(file);
+  if (i >= ports_.size()) ports_.resize(i + 1, nullptr);
+  control(file_, EPOLL_CTL_ADD, file, events);
+  ports_[i] = &port;
+}
+
+void Poll::change(int file, std::uint32_t events) { control(file_, EPOLL_CTL_MOD, file, events); }
+
+void Poll::remove(int file) {
+  ports_[static_cast<std::size_t>(file)] = nullptr;
+  epoll_ctl(file_, EPOLL_CTL_DEL, file, nullptr);
+}
+
+int Poll::serve(int timeout_ms) {
+  std::array<epoll_event, 32> events;
+  const int count = epoll_wait(file_, events.data(), static_cast<int>(events.size()), timeout_ms);
+  for (int i = 0; i < count; ++i) {
+    // An earlier port of the same round may have closed this descriptor.
+    const auto& event = events[static_cast<std::size_t>(i)];
+    Port* port = ports_[static_cast<std::size_t>(event.data.fd)];
+    if (port != nullptr) port->ready(event.data.fd, event.events);
+  }
+  return count < 0 ? 0 : count;
+}
 
 Socket& Socket::operator=(Socket&& other) noexcept {
   if (this != &other) {
@@ -209,6 +262,37 @@ std::optional<Accepted> accept_from(const Socket& listener) {
                                    SOCK_NONBLOCK | SOCK_CLOEXEC));
   if (!result.socket) return std::nullopt;
   return result;
+}
+
+WakeTimer::WakeTimer()
+    : file_(checked(timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC), "timer")) {}
+
+void WakeTimer::open(Poll& poll) { poll.add(file_.file(), EPOLLIN, *this); }
+
+void WakeTimer::ready(int file, std::uint32_t) {
+  empty(file);
+  armed_ = false;
+}
+
+void WakeTimer::set(HostTime at) {
+  at_ = at;
+  armed_ = true;
+  const std::int64_t ns = std::max<std::int64_t>(at.ns, 1);  // zero would disable it
+  itimerspec spec{};
+  spec.it_value.tv_sec = ns / 1'000'000'000;
+  spec.it_value.tv_nsec = ns % 1'000'000'000;
+  timerfd_settime(file_.file(), TFD_TIMER_ABSTIME, &spec, nullptr);
+}
+
+WakeWord::WakeWord() : file_(checked(eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC), "event")) {}
+
+void WakeWord::open(Poll& poll) { poll.add(file_.file(), EPOLLIN, *this); }
+
+void WakeWord::ready(int file, std::uint32_t) { empty(file); }
+
+void WakeWord::call() const {
+  const std::uint64_t one = 1;
+  [[maybe_unused]] const auto size = ::write(file_.file(), &one, sizeof(one));
 }
 
 }  // namespace multipanda::fci

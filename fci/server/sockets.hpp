@@ -10,10 +10,50 @@
 #include <utility>
 #include <vector>
 
-#include "fci/server/port.hpp"
+#include "core/types/time.hpp"
+
+namespace multipanda::fci {
+
+class Port;
+
+// The descriptors that the virtual arms' loop waits for, with their ports. One thread. Only add()
+// may allocate.
+class Poll {
+ public:
+  Poll();  // throws std::system_error
+  ~Poll();
+  Poll(const Poll&) = delete;
+  Poll& operator=(const Poll&) = delete;
+
+  // `events`: EPOLLIN, EPOLLOUT, level-triggered. Throws std::system_error.
+  void add(int file, std::uint32_t events, Port& port);
+  void change(int file, std::uint32_t events);
+  void remove(int file);  // before the descriptor is closed
+
+  // Waits at most `timeout_ms` (-1: forever) and passes ready descriptors to their ports.
+  // Returns their count.
+  int serve(int timeout_ms);
+
+ private:
+  int file_;
+  std::vector<Port*> ports_;  // by descriptor; nullptr: none
+};
+
+// A part of the single-threaded loop of the virtual arms with descriptors: the control port of an arm, its
+// gripper, the loop's timer. All calls come from the loop's thread and must not block.
+class Port {
+ public:
+  virtual ~Port() = default;
+  // Binds, listens, and puts its descriptors into `poll`, which outlives it. Throws std::runtime_error with
+  // address, port and remedy.
+  virtual void open(Poll& /*poll*/) {}
+  // A descriptor of this port is ready; `events` as epoll has them.
+  virtual void ready(int file, std::uint32_t events) = 0;
+  // The world has advanced by one period of 1 ms; `period` counts them. No allocation.
+  virtual void stepped(std::int64_t /*period*/) {}
+};
 
 // Sockets of the virtual arms: non-blocking, IPv4.
-namespace multipanda::fci {
 
 // Owns a descriptor; -1: none.
 class Socket {
@@ -64,14 +104,14 @@ class TcpStream {
 
   // Bytes received, at most `into`; 0: nothing available, or the end (broken()).
   std::size_t receive(std::span<std::byte> into);
-  // Sends one message in one piece, because programs need a whole header at once. The stream is broken if
+  // Sends one message in one piece, because programs expect a whole header at once. The stream is broken if
   // more than kMostUnsent bytes would wait.
   void send(std::span<const std::byte> message, std::span<const std::byte> rest = {});
   void flush();  // on EPOLLOUT
   bool all_sent() const { return sent_ == out_.size(); }
-  // Whether the other end is gone.
+  // Whether the other end has closed.
   bool broken() const { return broken_; }
-  bool peer_has_closed() const;  // looks without reading
+  bool peer_has_closed() const;  // checks without reading
   void watch(bool on);           // whether the loop waits for data of this client
   static constexpr std::size_t kMostUnsent = 4u << 20;
 
@@ -86,11 +126,42 @@ class TcpStream {
   bool broken_ = false, watches_room_ = false;
 };
 
-// Takes a waiting client from a listening socket; none: no client waits.
+// Accepts a waiting client from a listening socket; none: no client waits.
 struct Accepted {
   Socket socket;
   sockaddr_in peer{};
 };
 std::optional<Accepted> accept_from(const Socket& listener);
+
+// A time on the steady clock at which the loop wakes. One thread.
+class WakeTimer : public Port {
+ public:
+  WakeTimer();  // throws std::system_error
+  void open(Poll& poll) override;
+  void ready(int file, std::uint32_t events) override;
+  // Wakes at `at` or before. A past time wakes at once.
+  void ensure(HostTime at) {
+    if (!armed_ || at < at_) set(at);
+  }
+
+ private:
+  void set(HostTime at);
+
+  Socket file_;
+  HostTime at_;
+  bool armed_ = false;
+};
+
+// A wake-up from another thread.
+class WakeWord : public Port {
+ public:
+  WakeWord();  // throws std::system_error
+  void open(Poll& poll) override;
+  void ready(int file, std::uint32_t events) override;
+  void call() const;  // any thread
+
+ private:
+  Socket file_;
+};
 
 }  // namespace multipanda::fci

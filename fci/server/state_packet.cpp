@@ -2,6 +2,10 @@
 
 #include <cmath>
 
+#include "arm_interface/declared_hand.hpp"
+#include "fci/model/model_library.hpp"
+#include "scene/build.hpp"
+
 namespace multipanda::fci {
 namespace {
 
@@ -39,33 +43,19 @@ RobotMode wire_mode(ArmMode mode) {
   return RobotMode::other;
 }
 
-}  // namespace
-
-std::array<double, 16> to_wire(const Pose& X) {
-  std::array<double, 16> result{};
-  for (int column = 0; column < 3; ++column) {
-    for (int row = 0; row < 3; ++row) {
-      result[static_cast<std::size_t>(4 * column + row)] = X.rotation(row, column);
-    }
-  }
-  for (int row = 0; row < 3; ++row) result[static_cast<std::size_t>(12 + row)] = X.position[row];
-  result[15] = 1;
-  return result;
+// Hand and tool as in a real arm's settings: the hand with the manufacturer's rounded figures.
+RigidBody declared_end_effector(const RobotDescription& robot, const SceneArm& arm) {
+  if (!arm.hand) return end_effector(robot, false, arm.tool);
+  const RigidBody hand = end_effector(robot, true, {});
+  const Load declared = declared_hand({hand.mass, hand.com, hand.inertia});
+  const RigidBody body{declared.mass, declared.p_FC, declared.inertia_C};
+  return arm.tool.mass > 0 ? merged(body, {arm.tool.mass, arm.tool.p_FC, arm.tool.inertia_C}) : body;
 }
+
+}  // namespace
 
 Pose as_in_settings(Pose X) {
   X.rotation = (X.rotation.array() * 1e4).round() * 1e-4;
-  return X;
-}
-
-Pose to_pose(const std::array<double, 16>& from) {
-  Pose X;
-  for (int column = 0; column < 3; ++column) {
-    for (int row = 0; row < 3; ++row) {
-      X.rotation(row, column) = from[static_cast<std::size_t>(4 * column + row)];
-    }
-  }
-  for (int row = 0; row < 3; ++row) X.position[row] = from[static_cast<std::size_t>(12 + row)];
   return X;
 }
 
@@ -78,7 +68,7 @@ bool is_transform(const std::array<double, 16>& from) {
       std::abs(from[15] - 1) > kSlack) {
     return false;
   }
-  const Matrix3 R = to_pose(from).rotation;
+  const Matrix3 R = pose_of(from).rotation;
   return (R * R.transpose() - Matrix3::Identity()).cwiseAbs().maxCoeff() < 3 * kSlack && R.determinant() > 0;
 }
 
@@ -88,14 +78,14 @@ void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm, 
   const ArmSettings& set = arm.settings();
 
   state.message_id = message_id;
-  state.O_T_EE = to_wire(own.X_BE);
-  state.O_T_EE_d = to_wire(own.X_BE_d);
-  state.O_T_EE_c = to_wire(own.X_BE_c);
-  state.EE_T_K = to_wire(set.frames.X_EK);
+  state.O_T_EE = column_major(own.X_BE);
+  state.O_T_EE_d = column_major(own.X_BE_d);
+  state.O_T_EE_c = column_major(own.X_BE_c);
+  state.EE_T_K = column_major(set.frames.X_EK);
   const Pose X_NEE = config.X_FNE.inverse() * set.frames.X_FE, X_FNE = as_in_settings(config.X_FNE);
-  state.F_T_NE = to_wire(X_FNE);
-  state.NE_T_EE = to_wire(X_NEE);
-  state.F_T_EE = to_wire({X_FNE.rotation * X_NEE.rotation, X_FNE * X_NEE.position});
+  state.F_T_NE = column_major(X_FNE);
+  state.NE_T_EE = column_major(X_NEE);
+  state.F_T_EE = column_major({X_FNE.rotation * X_NEE.rotation, X_FNE * X_NEE.position});
   state.m_ee = config.ee.mass;
   put(state.I_ee, config.ee.inertia);
   put(state.F_x_Cee, config.ee.com);
@@ -125,14 +115,14 @@ void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm, 
   put(state.cartesian_contact, own.cartesian_contact);
   put(state.cartesian_collision, own.cartesian_collision);
   put(state.tau_ext_hat_filtered, own.tau_ext_hat);
-  put(state.O_F_ext_hat_K, own.F_K_B.vector);
+  put(state.O_F_ext_hat_K, own.F_B_B.vector);
   put(state.K_F_ext_hat_K, own.F_K_K.vector);
   put(state.O_dP_EE_d, own.V_BE_d.vector);
   put(state.O_dP_EE_c, own.V_BE_c.vector);
   put(state.O_ddP_EE_c, own.A_BE_c);
   put(state.O_ddP_O, config.gravity_B);
 
-  state.motion_generator_mode = static_cast<std::uint8_t>(own.generator);  // the same order as the wire's
+  state.motion_generator_mode = static_cast<std::uint8_t>(own.generator);  // same order as on the wire
   state.controller_mode = static_cast<std::uint8_t>(own.controller);
   state.robot_mode = static_cast<std::uint8_t>(wire_mode(own.mode));
   put(state.errors, own.errors);
@@ -150,5 +140,27 @@ void show_idle(RobotState& state, const SimulatedArm& arm) {
 }
 
 void show_torque_taken(RobotState& state, const JointVector& tau) { put(state.tau_J_d, tau); }
+
+// A Panda's systems speak 4 or 5, those of a Franka Research 3 6 to 10 (docs/fci.md). Only a Research 3 ties
+// velocities to positions; an arm without limits of a Cartesian interface is neither.
+VersionRange versions_of(const SceneArm& arm, const RobotDescription& robot) {
+  if (arm.fci && arm.fci->version != 0) {
+    const auto version = static_cast<std::uint16_t>(arm.fci->version);
+    return {version, version};
+  }
+  if (robot.position_based_velocity) return {6, kNewestVersion};
+  if (robot.cartesian) return {kOldestVersion, 5};
+  return {};
+}
+
+FixedConfig fixed_config(const SceneArm& arm) {
+  const RobotDescription robot = robot_of(arm);
+  FixedConfig config{.X_FNE = {},
+                     .ee = declared_end_effector(robot, arm),
+                     .gravity_B = arm.X_WB.rotation.transpose() * Vector3(0, 0, -9.81),
+                     .versions = versions_of(arm, robot)};
+  if (arm.hand) config.X_FNE = robot.hand->mount.pose() * robot.hand->tcp.pose();
+  return config;
+}
 
 }  // namespace multipanda::fci

@@ -5,10 +5,8 @@
 #include <stdexcept>
 
 #include "fci/model/model_library.hpp"
-#include "fci/model/model_urdf.hpp"
-#include "fci/server/from_scene.hpp"
-#include "fci/server/gripper_port.hpp"
-#include "fci/server/vacuum_port.hpp"
+#include "fci/server/end_effector_port.hpp"
+#include "fci/server/state_packet.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::fci {
@@ -28,23 +26,32 @@ ArmPortConfig port_config(const Scene& scene, ArmIndex i, const ArmPlace& place,
                           const VirtualArmOptions& options) {
   const SceneArm& arm = scene.arms[i];
   const RobotDescription robot = robot_of(arm);
+  FixedConfig fixed = fixed_config(arm);
+  if (place.versions) fixed.versions = *place.versions;
   return {.name = arm.name,
           .address = place.address,
           .port = place.port,
           .lockstep = options.pace == WorldPace::lockstep,
           .strict = options.strict,
           .own_clock = options.pace == WorldPace::realtime && (options.strict || !options.clocks.empty()),
-          .fixed = fixed_config(arm),
-          .model = {.urdf = model_urdf(robot), .library = model_library(robot)},
+          .fixed = std::move(fixed),
+          .model = {.urdf = model_urdf(robot), .library = model_library(robot, options.library)},
           .seed = options.seed + 2 * i};
 }
 
 }  // namespace
 
+void let_rotors_act(Scene& scene) {
+  if (scene.plant.rotor_hidden) return;
+  for (SceneArm& arm : scene.arms) arm.rotor_hidden = 0;
+}
+
 VirtualArms::VirtualArms(Scene scene, VirtualArmOptions options)
     : scene_(prepared(std::move(scene), options.grippers)),
       options_(std::move(options)),
-      plant_(scene_, {.meshes = options_.meshes, .timeline_waits = true}),
+      plant_(scene_, {.meshes = options_.meshes,
+                      .timeline_waits = true,
+                      .real_sensors = options_.real_sensors && scene_.plant.name.starts_with("realistic")}),
       view_(plant_),
       pushes_(plant_.arm_count()),
       faults_(plant_.arm_count(), options_.faults) {
@@ -107,6 +114,7 @@ void VirtualArms::listen() {
 void VirtualArms::start() {
   if (thread_.joinable()) throw std::logic_error("the virtual arms are already running");
   listen();
+  if (options_.pace == WorldPace::realtime) requests_.refuse_after_gaps();
   requests_.open();
   running_ = true;
   std::promise<void> set_up;
@@ -139,13 +147,13 @@ WorldStatistics VirtualArms::world_statistics() const {
   return {.periods = periods_.get(), .overruns = overruns_.get()};
 }
 
-// --- words from other threads ---
+// --- commands from other threads ---
 
 std::future<RequestAnswer> VirtualArms::request(ArmIndex arm, ArmRequest request) {
   if (arm >= arm_count()) {
     return refuse_request(no_such_arm(arm, arm_count()));
   }
-  if (auto why = check_request(request, kWireJoints); !why.empty()) {
+  if (auto why = check_request(request, plant_.arm(arm).model()); !why.empty()) {
     return refuse_request(std::move(why));
   }
   auto answer = requests_.post({.arm = arm, .request = std::move(request)});
@@ -155,12 +163,7 @@ std::future<RequestAnswer> VirtualArms::request(ArmIndex arm, ArmRequest request
 
 std::future<RequestAnswer> VirtualArms::request(WorldRequest request) {
   RequestBox::Posted posted;
-  if (const auto* place = std::get_if<PlaceObject>(&request)) {
-    if (auto why = plant_.locate(*place, posted.object); !why.empty()) return refuse_request(std::move(why));
-  }
-  if (const auto* push = std::get_if<PushObject>(&request)) {
-    if (auto why = plant_.locate(*push, posted.object); !why.empty()) return refuse_request(std::move(why));
-  }
+  if (auto why = plant_.locate(request, posted.object); !why.empty()) return refuse_request(std::move(why));
   posted.request = std::move(request);
   auto answer = requests_.post(std::move(posted));
   word_.call();

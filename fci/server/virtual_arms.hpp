@@ -1,6 +1,9 @@
 #pragma once
 
+#include <algorithm>
 #include <atomic>
+#include <cmath>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <future>
@@ -11,43 +14,84 @@
 #include <thread>
 #include <vector>
 
+#include "arm_interface/arm_error.hpp"
 #include "backends/mujoco/plant.hpp"
 #include "backends/simulated_arm/request_box.hpp"
 #include "core/rt/spsc_ring.hpp"
 #include "core/rt/thread_setup.hpp"
-#include "device/arm_error.hpp"
-#include "fci/server/arm_clock.hpp"
+#include "core/types/time.hpp"
+#include "fci/model/model_library.hpp"
 #include "fci/server/arm_port.hpp"
 #include "fci/server/datagram_faults.hpp"
 #include "fci/server/end_effector_port.hpp"
-#include "fci/server/statistics.hpp"
-#include "fci/server/wake.hpp"
+#include "fci/server/sockets.hpp"
 #include "fci/server/world_view.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda::fci {
+
+// Deviation of an arm's clock from the world's.
+struct ClockOffset {
+  double phase_s = 0;    // delay of its states after the world's steps; 0 to 1 ms
+  double drift_ppm = 0;  // positive: its clock is fast, and it sends more often
+};
+
+// When a virtual arm with a clock of its own sends its states. A state that was sent late leaves its program
+// at least kLeast for the answer: the clock is set back then, so that stalls of the server are never charged
+// to the program.
+class ArmClock {
+ public:
+  static constexpr std::int64_t kLeastNs = 900'000;
+
+  ArmClock(const ClockOffset& offset, HostTime begin)
+      : period_ns_(1e6 / (1 + 1e-6 * offset.drift_ppm)), begin_(begin), due_ns_(1e9 * offset.phase_s) {}
+
+  HostTime due() const { return {begin_.ns + static_cast<std::int64_t>(std::llround(due_ns_))}; }
+  // The state that was due has been sent.
+  void sent(HostTime at) {
+    const double earliest = static_cast<double>(at.ns - begin_.ns + kLeastNs), planned = due_ns_ + period_ns_;
+    if (earliest > planned) set_back_ns_ += static_cast<std::uint64_t>(earliest - planned);
+    due_ns_ = std::max(planned, earliest);
+  }
+  std::uint64_t set_back_ns() const { return set_back_ns_; }  // total
+
+ private:
+  double period_ns_;
+  HostTime begin_;
+  double due_ns_;  // after begin_
+  std::uint64_t set_back_ns_ = 0;
+};
 
 enum class WorldPace : std::uint8_t {
   realtime,  // a period per millisecond of the wall clock
   lockstep   // the world waits for every moving arm's command
 };
 
-// Where an arm listens. Ports: 0 takes a free one; libfranka knows only the defaults.
+// Address of an arm. Ports: 0 selects a free one; libfranka uses only the defaults.
 struct ArmPlace {
   std::string address;
   std::uint16_t port = kArmPort, gripper_port = kGripperPort, vacuum_port = kVacuumPort;
+  std::optional<VersionRange> versions = {};  // that it accepts; none: those of fixed_config()
 };
+
+// As programs meet arms: unless the scene's plant says how much of the rotors' inertia is hidden, all of it
+// acts. Links without it are too light for gains that real arms bear, such as those of Franka's examples.
+void let_rotors_act(Scene& scene);
 
 struct VirtualArmOptions {
   // Per arm; fewer or an empty address: 127.0.0.1 for the first arm, 127.0.0.2 for the second, and so on.
   std::vector<ArmPlace> places;
   WorldPace pace = WorldPace::realtime;
   // Late answers are dropped as by a real arm: ArmPortConfig::strict. In real time the answer's time counts
-  // from when the state was really sent.
+  // from the actual sending of the state.
   bool strict = false;
   // Real time: per arm, fewer: none. Arms with an offset, and strict ones, send at instants of their own the
   // newest step of the world, numbered by themselves.
   std::vector<ClockOffset> clocks;
+  LibraryModel library = LibraryModel::own;  // what arms send up to protocol version 9
+  // With fidelity `realistic`, sensors and estimates as real arms have them (MujocoPlant's PlantOptions),
+  // which no model describes: off where a simulation is compared with its own model.
+  bool real_sensors = false;
   bool grippers = true;     // of the hands and vacuum grippers in the scene, at their own ports
   DatagramFaults faults{};  // of every arm, from the start
   std::uint64_t seed = 1;   // of the faults
@@ -101,7 +145,7 @@ class VirtualArms {
   WorldStatistics world_statistics() const;
   const VirtualWorldView& view() const { return view_; }
 
-  // --- any thread; carried out between two periods ---
+  // --- any thread; executed between two periods ---
   // Requests to a simulated arm; PlaceObject, PushObject and ResetSimulation.
   std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request);
   std::future<RequestAnswer> request(WorldRequest request);
@@ -130,7 +174,7 @@ class VirtualArms {
   struct Push {
     Vector3 f_W = Vector3::Zero();
     std::int64_t periods = -1;  // left; -1: none
-    bool leads = false;  // f_W is then the place that the hand leads to, and R_WE how it keeps the hand
+    bool leads = false;         // f_W is then the position that the hand moves to, and R_WE its orientation
     Matrix3 R_WE = Matrix3::Identity();
   };
   Wrench led_wrench(ArmIndex arm, const Push& hand) const;
@@ -144,7 +188,7 @@ class VirtualArms {
   HostTime step_due() const;
   bool grippers_move() const;
   void step();
-  void send_state(ArmIndex arm, std::int64_t count);  // the count-th of the arm
+  void send_state(ArmIndex arm, std::int64_t count);  // sends the arm's state number `count`
   void advance_world();
   void tend(HostTime now);
   void take_words();
@@ -169,7 +213,7 @@ class VirtualArms {
   std::vector<Push> pushes_;
   bool pushing_ = false;
   HostTime stepped_at_;
-  bool word_happened_ = false;  // the next state must show a change from outside
+  bool word_happened_ = false;  // the next state must show an external change
   HostTime word_at_;
   Count periods_, overruns_;
 
@@ -181,5 +225,10 @@ class VirtualArms {
   std::atomic<bool> running_{false}, ending_{false}, failed_{false};
   std::thread thread_;
 };
+
+// Executes one line, such as `loss left 0.1`, and answers with one line: "ok", or what was expected.
+// control_help() lists the commands. Any thread.
+std::string control(VirtualArms& arms, const std::string& line);
+std::string control_help();
 
 }  // namespace multipanda::fci

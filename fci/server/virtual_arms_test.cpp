@@ -5,7 +5,6 @@
 #include <cstdlib>
 
 #include "backends/mujoco/testing/test_scenes.hpp"
-#include "fci/server/fault_commands.hpp"
 #include "fci/server/testing/test_program.hpp"
 
 namespace multipanda::fci::virtual_arms_test {
@@ -32,7 +31,11 @@ Scene two_arms() {
 VirtualArmOptions options(WorldPace pace, bool stands_still = false) {
   VirtualArmOptions result;
   for (int i = 0; i < 2; ++i) {
-    result.places.push_back({.address = own_address(i), .port = 0, .gripper_port = 0, .vacuum_port = 0});
+    result.places.push_back({.address = own_address(i),
+                             .port = 0,
+                             .gripper_port = 0,
+                             .vacuum_port = 0,
+                             .versions = VersionRange{}});
   }
   result.pace = pace;
   result.idle_stands_still = stands_still;

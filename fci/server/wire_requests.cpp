@@ -71,12 +71,12 @@ std::optional<ArmRequest> arm_request(const SetGuidingModeRequest& r) {
 
 std::optional<ArmRequest> arm_request(const SetEEToKRequest& r) {
   if (!is_transform(r.EE_T_K)) return std::nullopt;
-  return SetFrames{.X_FE = {}, .X_EK = to_pose(r.EE_T_K)};
+  return SetFrames{.X_FE = {}, .X_EK = with_proper_rotation(pose_of(r.EE_T_K))};
 }
 
 std::optional<ArmRequest> arm_request(const SetNEToEERequest& r, const Pose& X_FNE) {
   if (!is_transform(r.NE_T_EE)) return std::nullopt;
-  return SetFrames{.X_FE = X_FNE * to_pose(r.NE_T_EE), .X_EK = {}};
+  return SetFrames{.X_FE = X_FNE * with_proper_rotation(pose_of(r.NE_T_EE)), .X_EK = {}};
 }
 
 std::optional<ArmRequest> arm_request(const SetLoadRequest& r) {

@@ -2,8 +2,8 @@
 
 #include <optional>
 
+#include "arm_interface/arm_interface.hpp"
 #include "core/cycle/backend.hpp"
-#include "device/arm_interface.hpp"
 #include "fci/wire/requests.hpp"
 
 // Requests of the wire as requests to the arm. None: an argument is not finite or outside of Franka's

@@ -4,7 +4,7 @@
 #include "core/types/time.hpp"
 #include "fci/server/virtual_arms.hpp"
 
-// The loop of the virtual arms: when the world advances, and the work of a period.
+// The loop of the virtual arms: advancing the world, and the work of a period.
 namespace multipanda::fci {
 namespace {
 
@@ -15,17 +15,17 @@ using std::chrono::nanoseconds;
 constexpr nanoseconds kShortestPeriod{700'000};
 constexpr nanoseconds kMostBehind{100'000'000};
 
-// Lock-step: an active program answers within microseconds, and sleeping would cost as much. After this time
+// Lock-step: an active program answers within microseconds, as fast as sleeping would take. After this time
 // the loop sleeps.
 constexpr nanoseconds kSpin{60'000};
-constexpr int kRoundsPerPoll = 32;  // how often the loop looks for requests while it spins
+constexpr int kRoundsPerPoll = 32;  // interval at which the spinning loop polls for requests
 
 // Shorter timeout for a program that has not answered before.
 constexpr nanoseconds kSilentPatience{20'000'000};
 
 constexpr HostTime kNever{std::numeric_limits<std::int64_t>::max()};
 
-// After an answer to the state before the last, the newer answer may follow.
+// The newer answer may follow an answer to the state before the last.
 constexpr nanoseconds kStalePatience{20'000'000};
 
 // While the world is paused, motions that start together start in the same period.
@@ -59,7 +59,7 @@ void VirtualArms::run() {
 void VirtualArms::step() {
   take_words();
   word_happened_ = false;
-  // A scene's timeline counts from the first command that any arm gets.
+  // A scene's timeline starts with the first command of any arm.
   for (const auto& port : ports_) {
     if (port->has_command()) plant_.begin_timeline();
   }
@@ -73,7 +73,7 @@ void VirtualArms::send_state(ArmIndex arm, std::int64_t count) {
   ports_[arm]->stepped(count);
 }
 
-// The world and what moves in it without an arm's commands.
+// The world, and its motion without commands to arms.
 void VirtualArms::advance_world() {
   if (pushing_) apply_pushes();
   plant_.advance();
@@ -214,7 +214,7 @@ void VirtualArms::run_lockstep() {
   }
 }
 
-// Grippers finish their motions independently of the arms.
+// Grippers finish motions independently of the arms.
 bool VirtualArms::grippers_move() const {
   for (ArmIndex i = 0; i < plant_.arm_count(); ++i) {
     if (plant_.gripper_state(i).moving) return true;
@@ -222,9 +222,9 @@ bool VirtualArms::grippers_move() const {
   return false;
 }
 
-// Latest time at which the world advances.
+// Latest time for advancing the world.
 HostTime VirtualArms::step_due() const {
-  bool moves = false, happened = word_happened_, others_may_join = false;
+  bool moves = false, happened = word_happened_, others_may_join = false, recovers = false;
   HostTime happened_at = word_at_, hesitant_until{0}, silent_until{0};
   for (const auto& port : ports_) {
     if (port->wants_state()) {
@@ -232,6 +232,7 @@ HostTime VirtualArms::step_due() const {
       happened = true;
     }
     others_may_join = others_may_join || port->may_begin();
+    recovers = recovers || port->is_recovering();
     switch (port->awaits()) {
       case ArmPort::Awaits::nothing:
         break;
@@ -258,13 +259,13 @@ HostTime VirtualArms::step_due() const {
     due = options_.idle_stands_still && others_may_join && !moves ? happened_at + kTogether : happened_at;
   } else if (moves) {
     due = hesitant_until;
-  } else if (!options_.idle_stands_still || hesitant_until.ns > 0 || grippers_move()) {
+  } else if (!options_.idle_stands_still || hesitant_until.ns > 0 || grippers_move() || recovers) {
     due = std::max(hesitant_until, stepped_at_ + kArmPeriodNs);
   }
   return std::max(due, silent_until);
 }
 
-// --- words from other threads ---
+// --- commands from other threads ---
 
 void VirtualArms::take_words() {
   while (const Control* control = controls_.front()) {
@@ -329,8 +330,8 @@ void VirtualArms::carry_out(const Control& control) {
   something_happened();
 }
 
-// A slow hand: 600 N/m on about 5 kg, damped so that it moves with at most 10/160 m/s. Its grip also keeps
-// the orientation, with 8 N m at most.
+// A slow hand: 600 N/m on about 5 kg, damped to at most 10/160 m/s. It also keeps the orientation, with at
+// most 8 N m.
 Wrench VirtualArms::led_wrench(ArmIndex arm, const Push& hand) const {
   constexpr double kStiffness = 600, kDamping = 160, kMost = 10;
   constexpr double kTwist = 10, kTurning = 1.5, kMostMoment = 8;
@@ -368,7 +369,7 @@ void VirtualArms::apply_pushes() {
     if (push.periods > 0 && push.leads) F_F_W = led_wrench(i, push);
     if (push.periods > 0 && !push.leads) F_F_W.force() = push.f_W;
     Eigen::Map<Vector6>{wrench} = shifted(F_F_W, world.X_WF(i).position - p_WC).vector;
-    --push.periods;  // once more with zero, to end it
+    --push.periods;  // a last time with zero, to end it
     pushing_ = true;
   }
 }

@@ -33,12 +33,12 @@ class VirtualWorldView {
 
   // The loop's thread, after each period. No allocation.
   void publish(std::uint64_t period, const MujocoPlant& plant);
-  // The loop's thread, before an arm sends a state: what it has measured in the newest period.
+  // The loop's thread, before an arm sends a state: its measurement in the newest period.
   void note_sent(ArmIndex arm, std::uint64_t message_id);
 
   // Any thread. False: the period is not stored.
   bool read(std::uint64_t period, Snapshot& into) const;
-  // Any thread. The period in which the arm measured that state; none: it is not among the last kKept ones.
+  // Any thread. The period of that state's measurement; none: not among the last kKept ones.
   std::optional<std::uint64_t> period_of(ArmIndex arm, std::uint64_t message_id) const;
   std::uint64_t newest() const { return newest_.load(std::memory_order_acquire); }
 

@@ -20,7 +20,7 @@ ArmSide::ArmSide(SimulatedArm& arm, FixedConfig fixed, const Dialect& dialect, s
 }
 
 std::span<const std::byte> ArmSide::period(std::int64_t now_ns) {
-  notice_end();  // what it measured since the last period may have ended the motion
+  notice_end();  // measurements since the last period may have ended the motion
   command();
   notice_end();
   ++number_;
@@ -28,12 +28,12 @@ std::span<const std::byte> ArmSide::period(std::int64_t now_ns) {
   if (!runs_ && arm_.state().mode == ArmMode::move) show_idle(state_, arm_);
   show_torque();
   sent_ns_ = now_ns;
-  ++account_.states_sent;
+  ++counts_.states_sent;
   return {bytes_.data(), encode(dialect_, state_, bytes_)};
 }
 
-// tau_J_d of a motion is the command taken last, from the state after it on, whatever the motors are at.
-// Until the first one is taken: see FirstTorque.
+// During a motion tau_J_d is the last accepted command, from the following state on, regardless of the
+// motors. Before the first one: see FirstTorque.
 void ArmSide::show_torque() {
   if (!runs_) return;
   if (!taken_ && rules_.first_torque == FirstTorque::of_own_hold) accepted_ = arm_.state().tau_J_d;
@@ -47,7 +47,7 @@ void ArmSide::take_answer(std::span<const std::byte> datagram, std::int64_t now_
   if (commanded_) {
     if (id <= newest_answer_) return;  // a duplicate, or overtaken
     if (id < number_ || now_ns - sent_ns_ > rules_.answer_ns) {
-      ++account_.answers_late;
+      ++counts_.answers_late;
       if (rules_.late == LateAnswers::dropped || has_pending_) return;
     }
   }
@@ -61,17 +61,17 @@ void ArmSide::command() {
     fill(command_, pending_);
     const bool finishes = pending_.motion_generation_finished || pending_.torque_command_finished;
     arm_.take_command(command_);
-    ++account_.answers_used;
+    ++counts_.answers_used;
     missed_ = 0;
     if (finishes) return;
-    account_.torque_rate_max =
-        std::max(account_.torque_rate_max, (command_.tau_J_d - accepted_).cwiseAbs().maxCoeff() / kArmPeriod);
+    counts_.torque_rate_max =
+        std::max(counts_.torque_rate_max, (command_.tau_J_d - accepted_).cwiseAbs().maxCoeff() / kArmPeriod);
     accepted_ = command_.tau_J_d;
     taken_ = true;
   } else if (runs_ && commanded_) {
     arm_.miss_command();
-    ++account_.periods_missed;
-    account_.longest_miss = std::max(account_.longest_miss, ++missed_);
+    ++counts_.periods_missed;
+    counts_.longest_miss = std::max(counts_.longest_miss, ++missed_);
   }
 }
 
@@ -82,7 +82,7 @@ void ArmSide::notice_end() {
   if (!std::exchange(runs_, false)) return;
   ++ended_;
   if (arm_.motion_end() != MotionEnd::finished && arm_.motion_end() != MotionEnd::preempted) {
-    ++account_.motions_ended;
+    ++counts_.motions_ended;
   }
 }
 
@@ -115,7 +115,7 @@ bool ArmSide::recover() {
 }
 
 bool ArmSide::apply(const ArmRequest& request) {
-  return !runs_ && check_request(request, kWireJoints).empty() && arm_.apply(request) == ArmReply::done;
+  return !runs_ && check_request(request, arm_.model()).empty() && arm_.apply(request) == ArmReply::done;
 }
 
 }  // namespace multipanda::fci

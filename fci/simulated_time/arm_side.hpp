@@ -13,8 +13,8 @@
 
 namespace multipanda::fci {
 
-// One arm as its control interface shows it, without sockets: takes answers, and sends its newest
-// measurements at its own instants. The rules of ArmPort in `strict`, for one program; torque control only.
+// One arm's control interface without sockets: accepts answers, and sends its newest measurements at its own
+// times. The rules of ArmPort in `strict`, for one program; torque control only.
 class ArmSide {
  public:
   struct Rules {
@@ -25,7 +25,7 @@ class ArmSide {
   ArmSide(SimulatedArm& arm, FixedConfig fixed, const Dialect& dialect, std::uint64_t first_number,
           const Rules& rules);
 
-  // One of the arm's own periods: takes the command, or goes without; then its next state, as bytes.
+  // One of the arm's periods: applies the command, if any; returns its next state as bytes.
   std::span<const std::byte> period(std::int64_t now_ns);
   void take_answer(std::span<const std::byte> datagram, std::int64_t now_ns);
 
@@ -33,14 +33,15 @@ class ArmSide {
   MotionStart start_motion();
   void stop_motion();
   bool recover();  // false: not possible now
+  bool is_recovering() const { return arm_.mode() == ArmMode::recovering; }
   bool apply(const ArmRequest& request);
 
   bool runs() const { return runs_; }                     // a motion
-  std::uint64_t motions_ended() const { return ended_; }  // by the arm itself
+  std::uint64_t motions_ended() const { return ended_; }  // without a request
   SimulatedArm& arm() { return arm_; }
   const SimulatedArm& arm() const { return arm_; }
-  ArmAccount& account() { return account_; }
-  const ArmAccount& account() const { return account_; }
+  ArmCounts& counts() { return counts_; }
+  const ArmCounts& counts() const { return counts_; }
 
  private:
   void command();
@@ -57,14 +58,14 @@ class ArmSide {
   std::array<std::byte, kMaxStateSize> bytes_{};
 
   bool runs_ = false, commanded_ = false, has_pending_ = false;
-  bool taken_ = false;  // a command, in this motion
+  bool taken_ = false;  // a command was accepted in this motion
   std::uint64_t first_state_ = 0, newest_answer_ = 0;
   std::uint64_t motions_ended_ = 0, ended_ = 0;
   RobotCommand received_, pending_;
   InterfaceCommand command_;
-  JointVector accepted_;  // the torque taken last in this motion; before the first: from which it counts
-  int missed_ = 0;        // in a row
-  ArmAccount account_;
+  JointVector accepted_;  // the last accepted torque of this motion; before the first: its reference
+  int missed_ = 0;        // consecutive
+  ArmCounts counts_;
 };
 
 }  // namespace multipanda::fci

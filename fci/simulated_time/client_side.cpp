@@ -9,7 +9,7 @@ namespace multipanda::fci {
 namespace {
 
 using Vector7 = Eigen::Matrix<double, 7, 1>;
-constexpr std::uint16_t kArmsPort = 1;  // any: there is nobody else on this network
+constexpr std::uint16_t kArmsPort = 1;  // arbitrary: the only sender on this network
 
 }  // namespace
 

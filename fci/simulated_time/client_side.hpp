@@ -7,7 +7,7 @@
 #include <span>
 
 #include "core/safety/torque_limiter.hpp"
-#include "core/state/connection_statistics.hpp"
+#include "core/state/arm_state.hpp"
 #include "fci/client/arm_mode.hpp"
 #include "fci/client/arm_packet.hpp"
 #include "fci/client/posture_hold.hpp"
@@ -19,11 +19,11 @@ namespace multipanda::fci {
 // the loop, with its parts.
 class ClientSide {
  public:
-  // `send`: takes the bytes of an answer.
+  // `send`: gets the bytes of an answer.
   using Send = std::function<void(std::span<const std::byte>)>;
   ClientSide(const FciArmConfig& config, const Dialect& dialect, Send send);
 
-  void connect();  // states of any number are taken again
+  void connect();  // accepts states of any number again
   void enter(ArmPhase phase) { phase_ = phase; }
   ArmPhase phase() const { return phase_; }
   void start_of_motion();  // no torque was sent yet
@@ -37,7 +37,7 @@ class ClientSide {
   ArmMode mode(std::int64_t now_ns, double lost_after_s) const;
   bool is_running() const { return takes_commands(newest(), ArmMotion::torque); }
   void fill(std::int64_t now_ns, double lost_after_s, ArmState& state);
-  // Answers the newest state. False: the torque is invalid, and the motion is to be stopped.
+  // Answers the newest state. False: the torque is invalid, and the motion must be stopped.
   bool command(const JointVector& tau);
   void hold(bool last);
   void release_hold() { posture_.release(); }
@@ -51,7 +51,7 @@ class ClientSide {
   ArmPhase phase_ = ArmPhase::offline;
   StateIntake intake_;
   ArmPacket packet_;
-  TorqueLimiter limiter_;  // of hold(), and of a motion's first torque
+  TorqueLimiter limiter_;  // for hold() and a motion's first torque
   PostureHold posture_;
   RobotCommand command_;
   std::array<std::byte, kMaxCommandSize> bytes_{};

@@ -2,8 +2,8 @@
 // several in a row.
 #include <gtest/gtest.h>
 
-#include "fci/simulated_time/draw.hpp"
 #include "fci/simulated_time/testing/tested_run.hpp"
+#include "fci/simulated_time/timing.hpp"
 
 namespace multipanda::fci::cold_start_test {
 namespace {
@@ -61,7 +61,7 @@ TEST(ColdStart, LateFirstCyclesTakeNoArmFromItsLaw) {
     EXPECT_TRUE(interventions.empty()) << to_string(interventions.front());
     for (ArmIndex i = 0; i < 2; ++i) {
       EXPECT_EQ(run.data().state[i].mode, ArmMode::move) << i;
-      EXPECT_EQ(run.world().account(i).motions_ended, 0u) << i;
+      EXPECT_EQ(run.world().counts(i).motions_ended, 0u) << i;
     }
   }
 }

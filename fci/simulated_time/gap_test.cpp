@@ -6,8 +6,8 @@
 #include <gtest/gtest.h>
 
 #include "core/testing/series.hpp"
-#include "fci/simulated_time/draw.hpp"
 #include "fci/simulated_time/testing/tested_run.hpp"
+#include "fci/simulated_time/timing.hpp"
 
 namespace multipanda::fci {
 namespace {
@@ -50,7 +50,7 @@ std::string text(const Gap& gap) {
 }
 
 struct Outcome {
-  std::array<ArmAccount, 2> accounts;
+  std::array<ArmCounts, 2> accounts;
   std::array<ReflexDetail, 2> reflexes;
   std::array<ArmMode, 2> modes{};
   std::array<bool, 2> held{};           // by its hold, not by the law that had it
@@ -163,7 +163,7 @@ Outcome run_gap(const Gap& gap) {
   }
   run.run_for(0.15);
   for (ArmIndex i = 0; i < 2; ++i) {
-    outcome.accounts[i] = run.world().account(i);
+    outcome.accounts[i] = run.world().counts(i);
     outcome.reflexes[i] = run.world().arm(i).reflex_detail();
     outcome.modes[i] = run.data().state[i].mode;
     outcome.held[i] = modes.owner(i) == i;

@@ -28,17 +28,17 @@ void SimulatedTime::Implementation::apply_pushes() {
   }
 }
 
-// Takes its command, or goes without, and sends its newest measurements; then the next period of its own
-// clock, counted from the first one, so that rounding does not add up.
+// Applies its command, if any, and sends its newest measurements. The next period of its clock counts from
+// the first one, so that rounding does not accumulate.
 void SimulatedTime::Implementation::arm_period(ArmIndex i) {
   if (plant.failed()) return;
   Arm& arm = arms[i];
-  const auto used = arm.side->account().answers_used;
+  const auto used = arm.side->counts().answers_used;
   const auto bytes = arm.side->period(events.now_ns());
-  if (arm.side->account().answers_used != used) plant.begin_timeline();
+  if (arm.side->counts().answers_used != used) plant.begin_timeline();
   if (arm.states_to_lose > 0) {
     --arm.states_to_lose;
-    ++arm.side->account().states_lost;
+    ++arm.side->counts().states_lost;
   } else {
     travel(i, false, bytes, 0);
   }
@@ -63,7 +63,7 @@ void SimulatedTime::Implementation::travel(ArmIndex i, bool to_arm, std::span<co
   const std::int64_t delay = draw_network.time(link.delay);
   const bool lost = draw_network.happens(link.loss);
   if (lost || arm.cable_pulled) {
-    ++(to_arm ? arm.side->account().answers_lost : arm.side->account().states_lost);
+    ++(to_arm ? arm.side->counts().answers_lost : arm.side->counts().states_lost);
     return;
   }
   Datagram* slot = take_slot();
@@ -72,7 +72,7 @@ void SimulatedTime::Implementation::travel(ArmIndex i, bool to_arm, std::span<co
   events.after(delay + extra_ns, [this, i, to_arm, slot] {
     const std::span<const std::byte> whole(slot->bytes.data(), slot->size);
     if (arms[i].cable_pulled) {
-      ++(to_arm ? arms[i].side->account().answers_lost : arms[i].side->account().states_lost);
+      ++(to_arm ? arms[i].side->counts().answers_lost : arms[i].side->counts().states_lost);
     } else if (to_arm) {
       arms[i].side->take_answer(whole, events.now_ns());
     } else {

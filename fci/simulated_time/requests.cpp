@@ -1,24 +1,25 @@
 #include <cmath>
 #include <utility>
 
+#include "arm_interface/arm_settings.hpp"
 #include "core/types/overloaded.hpp"
-#include "device/arm_settings.hpp"
-#include "fci/client/arm_state_text.hpp"
+#include "fci/client/arm_mode.hpp"
 #include "fci/simulated_time/implementation.hpp"
 
-// Requests: what an arm's commander does over TCP, as events.
+// Requests: the TCP communication of an arm's commander, as events.
 namespace multipanda::fci {
 namespace {
 
-constexpr std::int64_t kRetry = 1'000'000;  // [ns]: how often a state is looked at that is waited for
+constexpr std::int64_t kRetry = 1'000'000;  // polling interval for an expected state [ns]
 
 }  // namespace
 
 std::future<RequestAnswer> SimulatedTime::request(ArmIndex i, ArmRequest request) {
   auto& self = *self_;
   if (i >= arm_count()) return refuse_request(no_such_arm(i, arm_count()));
-  if (auto why = check_request(request, kWireJoints); !why.empty()) return refuse_request(std::move(why));
   auto& arm = self.arms[i];
+  if (auto why = check_request(request, arm.side->arm().model()); !why.empty())
+    return refuse_request(std::move(why));
   if (std::holds_alternative<SetUserStop>(request)) {
     return refuse_request("a real arm does not support this request: it is for simulated arms");
   }
@@ -69,7 +70,7 @@ void SimulatedTime::Implementation::ask_next(ArmIndex i) {
   if (std::holds_alternative<Reconnect>(request)) {
     if (!offline) return answer(i, {false, "it is connected: there is nothing to reconnect"});
     over_network(i, [this, i] {
-      arms[i].side->stop_motion();  // of a program that has gone
+      arms[i].side->stop_motion();  // left by a program that has ended
       arms[i].client->connect();
       arms[i].client->enter(ArmPhase::stopped);
       start_motion(i);
@@ -108,10 +109,16 @@ void SimulatedTime::Implementation::recover(ArmIndex i) {
       arms[i].client->enter(ArmPhase::stopped);
       return answer(i, {false, "it refuses to recover"});
     }
-    // Its reply follows the state that shows it.
-    events.after(2 * kRetry, [this, i, turn = arms[i].turn] {
-      if (arms[i].turn == turn) over_network(i, [this, i] { start_motion(i); });
-    });
+    await_recovery(i);
+  });
+}
+
+// The arm's reply follows the state that shows it at rest.
+void SimulatedTime::Implementation::await_recovery(ArmIndex i) {
+  events.after(2 * kRetry, [this, i, turn = arms[i].turn] {
+    if (arms[i].turn != turn) return;
+    if (arms[i].side->is_recovering()) return await_recovery(i);
+    over_network(i, [this, i] { start_motion(i); });
   });
 }
 

@@ -12,7 +12,7 @@ namespace multipanda::fci {
 
 struct SimulatedRunOptions {
   SimulatedTimeOptions time;
-  bool timeline = true;                // the scene's own; its controllets `active` start in any case
+  bool timeline = true;                // the scene's timeline; its `active` controllets start in any case
   std::optional<Registry> registry{};  // none: the built-in laws and those of the scene's libraries
 };
 
@@ -34,13 +34,13 @@ class SimulatedRun {
   void run_for(double duration_s);
   void end();
 
-  // After each cycle, with its record: owners, states, torques sent, the controllets' outputs (energy
-  // balances among them; layout() has their places).
+  // Called after each cycle, with its record: owners, states, torques sent, outputs of the controllets
+  // (including energy balances; layout() has their places).
   std::function<void(const CycleRecord&)> after_cycle;
   // Each event of the cycle: switches, interventions, refusals.
   std::function<void(const Event&)> on_event;
 
-  // Asks, and runs cycles until the answer is there.
+  // Sends requests and runs cycles until they are answered.
   Answer ask(const Request& request);
   RequestAnswer ask(ArmIndex arm, ArmRequest request);
 

@@ -6,9 +6,9 @@
 #include <utility>
 
 #include "core/model/prismatic_joints.hpp"
-#include "fci/client/first_states.hpp"
 #include "fci/client/from_scene.hpp"
-#include "fci/server/from_scene.hpp"
+#include "fci/client/state_intake.hpp"
+#include "fci/server/state_packet.hpp"
 #include "fci/simulated_time/implementation.hpp"
 
 // Construction, the program's wake-ups, and the contract of a Backend.
@@ -57,9 +57,8 @@ SimulatedTime::Implementation::Implementation(const Scene& scene, SimulatedTimeO
     arm.timing = i < options.arms.size() ? options.arms[i] : own;
     check(arm.timing, arm.name);
     FciArmConfig config = fci_arm_config(of_scene, "simulated time");
-    const int version = options.version != 0                              ? options.version
-                        : of_scene.model.find("fer") != std::string::npos ? 5
-                                                                          : kNewestVersion;
+    const FixedConfig fixed = fixed_config(of_scene);
+    const int version = options.version != 0 ? options.version : fixed.versions.newest;
     const Dialect* dialect = fci::dialect(static_cast<std::uint16_t>(version));
     if (dialect == nullptr) {
       throw std::invalid_argument("version " + std::to_string(version) +
@@ -71,18 +70,17 @@ SimulatedTime::Implementation::Implementation(const Scene& scene, SimulatedTimeO
     if (has_prismatic_joints(plant.arm(i).model())) {
       throw std::invalid_argument("arm '" + arm.name + "': the control interface has no prismatic joints");
     }
-    arm.side =
-        std::make_unique<ArmSide>(plant.arm(i), fixed_config(of_scene), *dialect, arm.timing.first_number,
-                                  ArmSide::Rules{.late = options.late_answers,
-                                                 .first_torque = options.first_torque,
-                                                 .answer_ns = options.answer_ns});
+    arm.side = std::make_unique<ArmSide>(plant.arm(i), fixed, *dialect, arm.timing.first_number,
+                                         ArmSide::Rules{.late = options.late_answers,
+                                                        .first_torque = options.first_torque,
+                                                        .answer_ns = options.answer_ns});
     arm.client = std::make_unique<ClientSide>(config, *dialect, [this, i](auto bytes) {
       Arm& from = arms[i];
-      ++from.side->account().answers_sent;
+      ++from.side->counts().answers_sent;
       std::int64_t extra_ns = 0;
       if (from.answers_to_lose > 0) {
         --from.answers_to_lose;
-        ++from.side->account().answers_lost;
+        ++from.side->counts().answers_lost;
         return;
       }
       if (from.answers_to_delay > 0) {
@@ -91,7 +89,7 @@ SimulatedTime::Implementation::Implementation(const Scene& scene, SimulatedTimeO
       }
       travel(i, true, bytes, std::max<std::int64_t>(0, sending_ns - events.now_ns()) + extra_ns);
     });
-    // What a program sends at its start, as far as the simulated arm has it from elsewhere: nothing but this.
+    // Settings sent by a program at its start that the simulated arm does not have already.
     if (config.thresholds) plant.arm(i).apply(*config.thresholds);
     events.at(kMillisecond + arm.timing.phase_ns, [this, i] { arm_period(i); });
   }
@@ -118,7 +116,7 @@ std::int64_t SimulatedTime::Implementation::cost(Stall where) {
   return ns + std::exchange(reading ? stall_reading_ns : stall_sending_ns, 0);
 }
 
-// Until a state is there, or one of every arm; then as long as the program needs to wake up.
+// Waits for a state, or one of every arm; then for the program's wake-up time.
 ArmSet SimulatedTime::Implementation::wait(std::int64_t deadline_ns, bool for_all) {
   events.run_until(busy_until_ns);
   const auto ready = [&] { return for_all ? unread() == ArmSet::all(arms.size()) : !unread().empty(); };
@@ -154,7 +152,7 @@ void SimulatedTime::Implementation::hold_all(bool last) {
   }
 }
 
-// Answers every state with the arm's hold, while no loop runs.
+// Answers every state with the arm's hold while no loop runs.
 bool SimulatedTime::Implementation::run_until(const std::function<bool()>& done, std::int64_t deadline_ns,
                                               bool last) {
   while (!done() && events.now_ns() < deadline_ns && !plant.failed()) {
@@ -350,7 +348,7 @@ void SimulatedTime::every(std::int64_t period_ns, DrawnTime jitter, DrawnTime co
   self_->events.at(time_ns(), Again{self_.get(), std::move(caller)});
 }
 
-const ArmAccount& SimulatedTime::account(ArmIndex arm) const { return self_->arms.at(arm).side->account(); }
+const ArmCounts& SimulatedTime::counts(ArmIndex arm) const { return self_->arms.at(arm).side->counts(); }
 const SimulatedArm& SimulatedTime::arm(ArmIndex i) const { return self_->plant.arm(i); }
 MujocoPlant& SimulatedTime::plant() { return self_->plant; }
 

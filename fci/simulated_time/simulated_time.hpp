@@ -5,22 +5,22 @@
 #include <memory>
 #include <string>
 
+#include "arm_interface/arm_error.hpp"
 #include "backends/mujoco/plant.hpp"
 #include "core/cycle/backend.hpp"
-#include "device/arm_error.hpp"
 #include "fci/simulated_time/timing.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda::fci {
 
-// What happened to one arm since the start.
-struct ArmAccount {
+// Statistics of one arm since the start.
+struct ArmCounts {
   std::uint64_t states_sent = 0, states_lost = 0;
   std::uint64_t answers_sent = 0, answers_lost = 0, answers_late = 0, answers_used = 0;
   std::uint64_t periods_missed = 0;  // in a motion, without an answer
-  int longest_miss = 0;              // such periods in a row
+  int longest_miss = 0;              // consecutive ones
   std::uint64_t motions_ended = 0;   // other than on request
-  double torque_rate_max = 0;        // of the torques taken, from the last one taken [N m/s]
+  double torque_rate_max = 0;        // of accepted torques, relative to the last one [N m/s]
 };
 
 // A scene's arms behind their control interface in simulated time: an event queue in whole nanoseconds holds
@@ -33,10 +33,10 @@ struct ArmAccount {
 // One thread; as fast as the computer goes. Everything that varies is drawn from the seed, and nothing is
 // measured: the same scene, seed, torques and calls give the same bits.
 //
-// Requests are carried out while the loop waits. Modes are those of FciBackend.
+// Requests are executed while the loop waits. Modes are those of FciBackend.
 class SimulatedTime final : public Backend {
  public:
-  // Throws std::invalid_argument: a scene or times that are impossible.
+  // Throws std::invalid_argument for an invalid scene or times.
   explicit SimulatedTime(const Scene& scene, SimulatedTimeOptions options = {});
   ~SimulatedTime() override;
 
@@ -46,7 +46,7 @@ class SimulatedTime final : public Backend {
   void finish() override;  // holds the arms until their motions have ended
   ArmSet wait() override;
   ArmSet wait_until(HostTime deadline) override;
-  bool ended() const override;  // before start(), after finish(), and when the world failed
+  bool ended() const override;  // before start(), after finish(), and if the world failed
   LoopTime now() const override;
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
@@ -57,20 +57,20 @@ class SimulatedTime final : public Backend {
   std::int64_t time_ns() const;  // since the world began
 
   // --- faults, from now on ---
-  void lose_answers(ArmIndex arm, int count);  // the next so many that are sent
+  void lose_answers(ArmIndex arm, int count);  // the next `count` answers
   void delay_answers(ArmIndex arm, int count, std::int64_t by_ns);
   void lose_states(ArmIndex arm, int count);
-  void pull_cable(ArmIndex arm, bool pulled);  // nothing passes, until it is plugged in again
+  void pull_cable(ArmIndex arm, bool pulled);  // no datagram passes until it is plugged in again
   void raise(ArmIndex arm, ArmError error);    // a reflex, as if the arm had found this error
   void press_user_stop(ArmIndex arm, bool pressed);
   void press_guiding(ArmIndex arm, bool pressed);
   void push(ArmIndex arm, const Vector3& f_W, double duration_s);  // on the flange, world axes [N]
   enum class Stall : std::uint8_t { before_reading, before_sending };
   void stall_client(std::int64_t ns, Stall where = Stall::before_sending);  // once, in the next cycle
-  // The program ends without a word, and another one has to connect (Reconnect of every arm).
+  // The program ends without closing, and another one must connect (Reconnect of every arm).
   void lose_client();
 
-  // --- events of the test's own ---
+  // --- events of the test ---
   void at(std::int64_t time_ns, std::function<void()> what);
   // A program beside the loop, such as ros2_control's manager: called each period, late by `jitter`; a call
   // that would come before the last one ended is left out. Its own duration is `compute`.
@@ -78,7 +78,7 @@ class SimulatedTime final : public Backend {
              std::function<void(std::int64_t time_ns)> what);
 
   // --- what happened ---
-  const ArmAccount& account(ArmIndex arm) const;
+  const ArmCounts& counts(ArmIndex arm) const;
   const SimulatedArm& arm(ArmIndex i) const;  // reflex_detail(), motion_end(), settings()
   MujocoPlant& plant();
 

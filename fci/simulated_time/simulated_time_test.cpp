@@ -53,11 +53,11 @@ TEST(SimulatedTime, ArmsSendByTheirOwnClocks) {
   run.begin();
   while (run.world().time_ns() < 2'000'900'000) ASSERT_TRUE(run.step());
   // From 1 ms (1.3 ms) on, every 1 ms / (1 + drift): 1999.9 ms hold 2001.9 periods, 1999.6 ms hold 1997.6.
-  EXPECT_NEAR(static_cast<double>(run.world().account(0).states_sent), 2002.5, 1);
-  EXPECT_NEAR(static_cast<double>(run.world().account(1).states_sent), 1998.5, 1);
-  EXPECT_EQ(run.world().account(0).periods_missed, 0u);
-  EXPECT_EQ(run.world().account(1).periods_missed, 0u);
-  EXPECT_EQ(run.world().account(0).answers_late, 0u);
+  EXPECT_NEAR(static_cast<double>(run.world().counts(0).states_sent), 2002.5, 1);
+  EXPECT_NEAR(static_cast<double>(run.world().counts(1).states_sent), 1998.5, 1);
+  EXPECT_EQ(run.world().counts(0).periods_missed, 0u);
+  EXPECT_EQ(run.world().counts(1).periods_missed, 0u);
+  EXPECT_EQ(run.world().counts(0).answers_late, 0u);
 }
 
 // Both networks take 100 us: an answer arrives 200 us and the computing time after its state.
@@ -70,7 +70,7 @@ TEST(SimulatedTime, AnAnswerCountsForOneMillisecond) {
     SimulatedRun run(two_arms(), {.time = times, .registry = test::laws()});
     run.begin();
     run.run_for(0.1);
-    const ArmAccount& arm = run.world().account(0);
+    const ArmCounts& arm = run.world().counts(0);
     EXPECT_EQ(arm.answers_late == 0, in_time) << compute_us << " us";
     EXPECT_EQ(run.data().state[0].mode == ArmMode::move, in_time) << compute_us << " us";
     if (in_time) continue;
@@ -112,7 +112,7 @@ TEST(SimulatedTime, LateAnswersMayBeTakenNext) {
   SimulatedRun run(two_arms(), {.time = times, .registry = test::laws()});
   run.begin();
   run.run_for(0.2);
-  EXPECT_GT(run.world().account(0).answers_late, 100u);
+  EXPECT_GT(run.world().counts(0).answers_late, 100u);
   EXPECT_EQ(run.data().state[0].mode, ArmMode::move);
 }
 
@@ -139,7 +139,7 @@ TEST(SimulatedTime, AStoppedArmIsRecoveredAndTheOtherGoesOn) {
   EXPECT_EQ(run.data().state[0].mode, ArmMode::move);
   EXPECT_EQ(run.modes().owner(0), 0u) << "held, until something is activated";
   EXPECT_EQ(run.modes().owner(1), run.modes().find("right_joints"));
-  EXPECT_EQ(run.world().account(1).motions_ended, 0u);
+  EXPECT_EQ(run.world().counts(1).motions_ended, 0u);
   run.end();
   EXPECT_EQ(run.world().arm(0).motion_end(), MotionEnd::finished);
 }
@@ -186,9 +186,9 @@ TEST(SimulatedTime, TheFirstAnswersOfAMotionMayBeLost) {
     run.world().lose_answers(0, lost);
     EXPECT_TRUE(run.ask(0, RecoverFromError{}).success);
     run.run_for(0.1);
-    EXPECT_EQ(run.world().account(0).answers_lost, static_cast<std::uint64_t>(lost));
+    EXPECT_EQ(run.world().counts(0).answers_lost, static_cast<std::uint64_t>(lost));
     EXPECT_EQ(run.data().state[0].mode, ArmMode::move) << lost << " lost, " << k % 2;
-    EXPECT_LE(run.world().account(0).torque_rate_max, 1000 * (1 + 1e-5)) << lost << " lost, " << k % 2;
+    EXPECT_LE(run.world().counts(0).torque_rate_max, 1000 * (1 + 1e-5)) << lost << " lost, " << k % 2;
   }
 }
 

@@ -10,6 +10,7 @@
 #include <limits>
 #include <span>
 #include <string_view>
+#include <type_traits>
 
 // A message is described once, by a function `carry(archive, message, dialect)` that names its fields in the
 // order of the wire. The archive decides the operation: write, read or count bytes, or find a field. So both
@@ -20,16 +21,20 @@
 // nor throw.
 namespace multipanda::fci {
 
-static_assert(std::endian::native == std::endian::little, "the wire is little-endian, and copied as it is");
+static_assert(std::endian::native == std::endian::little, "the wire is little-endian and copied unchanged");
 static_assert(std::numeric_limits<double>::is_iec559 && std::numeric_limits<float>::is_iec559);
 
 // Result of reading or writing bytes.
 enum class WireResult : std::uint8_t {
   ok,
-  too_short,  // fewer bytes than the message has, or no room for it
+  too_short,  // fewer bytes than the message, or no space for it
   too_long,   // more bytes than the message has
   bad_value,  // a field holds a value that the protocol does not define
 };
+
+// A message of this type, written or read: `carry(auto& archive, MessageOf<MoveRequest> auto& message)`.
+template <typename T, typename Message>
+concept MessageOf = std::same_as<std::remove_const_t<T>, Message>;
 
 class Writer {
  public:
@@ -120,7 +125,7 @@ class Reader {
     for (std::size_t i = 0; i < count; ++i) get(values[i]);
   }
 
-  // With `exact`, bytes that are left over are an error.
+  // With `exact`, remaining bytes are an error.
   WireResult result(bool exact) const {
     return result_ == WireResult::ok && exact && at_ < from_.size() ? WireResult::too_long : result_;
   }

@@ -35,8 +35,8 @@ inline constexpr std::size_t kCommandCount = 15;
 
 struct CommandInfo {
   Command command;
-  std::string_view name;                    // as Franka calls it
-  std::int8_t id_v4, id_v6, id_v8, id_v10;  // from that version on; -1: not known
+  std::string_view name;                    // Franka's name
+  std::int8_t id_v4, id_v6, id_v8, id_v10;  // from that version on; -1: unknown
 };
 
 inline constexpr std::array<CommandInfo, kCommandCount> kCommands{{
@@ -79,7 +79,7 @@ static_assert([] {
   for (std::size_t i = 0; i < kCommandCount; ++i)
     if (kCommands[i].command != static_cast<Command>(i)) return false;
   for (const Dialect& d : kDialects) {
-    if (command_of(d, 0) != Command::connect) return false;  // sent before a version is agreed
+    if (command_of(d, 0) != Command::connect) return false;  // sent before a version is agreed on
     std::uint32_t known = 0;                                 // ids are without gaps
     while (command_of(d, known)) ++known;
     if (known != (d.version <= 5 ? 14u : d.version == 8 || d.version == 9 ? 13u : 12u)) return false;

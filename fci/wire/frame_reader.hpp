@@ -6,7 +6,7 @@
 
 #include "fci/wire/commands.hpp"
 
-// Splits a TCP byte stream into messages, for any bytes that arrive in pieces of any size.
+// Splits a TCP byte stream, received in arbitrary pieces, into messages.
 //
 //   const auto room = reader.room();                       // never empty once next() said `incomplete`
 //   const ssize_t n = recv(fd, room.data(), room.size(), 0);
@@ -26,7 +26,7 @@ struct Message {
 class FrameReader {
  public:
   enum class Next : std::uint8_t {
-    message,     // one is there
+    message,     // a message is available
     incomplete,  // more bytes are needed
     bad_size,    // a header announces a size below its own or above max_size: the begin of the next
                  // message is unknown. Stays so until reset().
@@ -40,13 +40,13 @@ class FrameReader {
   Next next(Message& message);
   void reset();  // for a new connection
 
-  std::size_t waiting() const { return end_ - begin_; }  // bytes not yet handed out
+  std::size_t waiting() const { return end_ - begin_; }  // bytes not yet returned
 
  private:
   HeaderKind kind_;
   std::size_t max_size_;
   std::vector<std::byte> buffer_;
-  std::size_t begin_ = 0, end_ = 0;  // bytes not yet handed out
+  std::size_t begin_ = 0, end_ = 0;  // bytes not yet returned
   bool broken_ = false;
 };
 

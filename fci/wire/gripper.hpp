@@ -1,8 +1,6 @@
 #pragma once
 
-#include <concepts>
 #include <span>
-#include <type_traits>
 
 #include "fci/wire/archive.hpp"
 #include "fci/wire/commands.hpp"
@@ -47,34 +45,24 @@ struct GripperState {
   std::uint16_t temperature = 0;  // [deg C]
 };
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, GripperConnectRequest>
-constexpr void carry(A& a, R& r) {
+constexpr void carry(auto& a, MessageOf<GripperConnectRequest> auto& r) {
   a.integer("version", r.version);
   a.integer("udp_port", r.udp_port);
 }
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, GripperGraspRequest>
-constexpr void carry(A& a, R& r) {
+constexpr void carry(auto& a, MessageOf<GripperGraspRequest> auto& r) {
   a.number("width", r.width);
   a.number("epsilon_inner", r.epsilon_inner);
   a.number("epsilon_outer", r.epsilon_outer);
   a.number("speed", r.speed);
   a.number("force", r.force);
 }
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, GripperMoveRequest>
-constexpr void carry(A& a, R& r) {
+constexpr void carry(auto& a, MessageOf<GripperMoveRequest> auto& r) {
   a.number("width", r.width);
   a.number("speed", r.speed);
 }
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, GripperHomingRequest> ||
-    std::same_as<std::remove_const_t<R>, GripperStopRequest>
-constexpr void carry(A&, R&) {}
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, GripperState>
-constexpr void carry(A& a, R& s) {
+constexpr void carry(auto&, MessageOf<GripperHomingRequest> auto&) {}
+constexpr void carry(auto&, MessageOf<GripperStopRequest> auto&) {}
+constexpr void carry(auto& a, MessageOf<GripperState> auto& s) {
   a.integer("message_id", s.message_id);
   a.number("width", s.width);
   a.number("max_width", s.max_width);

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <array>
-#include <concepts>
 #include <span>
 
 #include "fci/wire/archive.hpp"
@@ -24,7 +23,7 @@ enum class MoveGenerator : std::uint32_t {
   none
 };
 
-// What the state shows while such a motion runs.
+// Modes in the state while such a motion runs.
 constexpr ControllerMode published(MoveController controller) {
   return static_cast<ControllerMode>(controller);
 }
@@ -46,7 +45,7 @@ struct MoveRequest {
   };
   MoveController controller = MoveController::external;
   MoveGenerator generator = MoveGenerator::none;
-  // The values that libfranka always sends; they are too large to have an effect.
+  // The values always sent by libfranka, too large to have an effect.
   Deviation maximum_path_deviation{10, 3.12, 6.283185307179586};
   Deviation maximum_goal_pose_deviation{10, 3.12, 6.283185307179586};
   bool use_async_motion_generator = false;
@@ -135,16 +134,12 @@ struct GetRobotModelRequest {
 
 // --- one description per message, for both directions ---
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, ConnectRequest>
-constexpr void carry(A& a, R& r, const Dialect&) {
+constexpr void carry(auto& a, MessageOf<ConnectRequest> auto& r, const Dialect&) {
   a.integer("version", r.version);
   a.integer("udp_port", r.udp_port);
 }
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, MoveRequest>
-constexpr void carry(A& a, R& r, const Dialect& d) {
+constexpr void carry(auto& a, MessageOf<MoveRequest> auto& r, const Dialect& d) {
   a.choice("controller_mode", r.controller, MoveController::external);
   a.choice("motion_generator_mode", r.generator,
            d.has_none_generator() ? MoveGenerator::none : MoveGenerator::cartesian_velocity);
@@ -158,21 +153,17 @@ constexpr void carry(A& a, R& r, const Dialect& d) {
   a.numbers("maximum_velocity", r.maximum_velocity);
 }
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, GetCartesianLimitRequest>
-constexpr void carry(A& a, R& r, const Dialect&) { a.integer("id", r.id); }
+constexpr void carry(auto& a, MessageOf<GetCartesianLimitRequest> auto& r, const Dialect&) {
+  a.integer("id", r.id);
+}
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, CartesianLimit>
-constexpr void carry(A& a, R& r, const Dialect&) {
+constexpr void carry(auto& a, MessageOf<CartesianLimit> auto& r, const Dialect&) {
   a.numbers("object_p_max", r.object_p_max);
   a.numbers("object_frame", r.object_frame);
   a.flag("object_activation", r.object_activation);
 }
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, SetCollisionBehaviorRequest>
-constexpr void carry(A& a, R& r, const Dialect&) {
+constexpr void carry(auto& a, MessageOf<SetCollisionBehaviorRequest> auto& r, const Dialect&) {
   a.numbers("lower_torque_thresholds_acceleration", r.lower_torque_thresholds_acceleration);
   a.numbers("upper_torque_thresholds_acceleration", r.upper_torque_thresholds_acceleration);
   a.numbers("lower_torque_thresholds_nominal", r.lower_torque_thresholds_nominal);
@@ -183,40 +174,34 @@ constexpr void carry(A& a, R& r, const Dialect&) {
   a.numbers("upper_force_thresholds_nominal", r.upper_force_thresholds_nominal);
 }
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, SetJointImpedanceRequest>
-constexpr void carry(A& a, R& r, const Dialect&) { a.numbers("K_theta", r.K_theta); }
+constexpr void carry(auto& a, MessageOf<SetJointImpedanceRequest> auto& r, const Dialect&) {
+  a.numbers("K_theta", r.K_theta);
+}
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, SetCartesianImpedanceRequest>
-constexpr void carry(A& a, R& r, const Dialect&) { a.numbers("K_x", r.K_x); }
+constexpr void carry(auto& a, MessageOf<SetCartesianImpedanceRequest> auto& r, const Dialect&) {
+  a.numbers("K_x", r.K_x);
+}
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, SetGuidingModeRequest>
-constexpr void carry(A& a, R& r, const Dialect&) {
+constexpr void carry(auto& a, MessageOf<SetGuidingModeRequest> auto& r, const Dialect&) {
   a.flags("guiding_mode", r.guiding_mode, r.guiding_mode.size());
   a.flag("nullspace", r.nullspace);
 }
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, SetEEToKRequest>
-constexpr void carry(A& a, R& r, const Dialect&) { a.numbers("EE_T_K", r.EE_T_K); }
+constexpr void carry(auto& a, MessageOf<SetEEToKRequest> auto& r, const Dialect&) {
+  a.numbers("EE_T_K", r.EE_T_K);
+}
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, SetNEToEERequest>
-constexpr void carry(A& a, R& r, const Dialect&) { a.numbers("NE_T_EE", r.NE_T_EE); }
+constexpr void carry(auto& a, MessageOf<SetNEToEERequest> auto& r, const Dialect&) {
+  a.numbers("NE_T_EE", r.NE_T_EE);
+}
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, SetLoadRequest>
-constexpr void carry(A& a, R& r, const Dialect&) {
+constexpr void carry(auto& a, MessageOf<SetLoadRequest> auto& r, const Dialect&) {
   a.number("m_load", r.m_load);
   a.numbers("F_x_Cload", r.F_x_Cload);
   a.numbers("I_load", r.I_load);
 }
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, SetFiltersRequest>
-constexpr void carry(A& a, R& r, const Dialect&) {
+constexpr void carry(auto& a, MessageOf<SetFiltersRequest> auto& r, const Dialect&) {
   a.number("joint_position", r.joint_position);
   a.number("joint_velocity", r.joint_velocity);
   a.number("cartesian_position", r.cartesian_position);
@@ -224,19 +209,15 @@ constexpr void carry(A& a, R& r, const Dialect&) {
   a.number("controller", r.controller);
 }
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, LoadModelLibraryRequest>
-constexpr void carry(A& a, R& r, const Dialect&) {
+constexpr void carry(auto& a, MessageOf<LoadModelLibraryRequest> auto& r, const Dialect&) {
   a.choice("architecture", r.architecture, LibraryArchitecture::arm64);
   a.choice("system", r.system, LibrarySystem::windows);
 }
 
 // Requests without payload
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, StopMoveRequest> ||
-    std::same_as<std::remove_const_t<R>, AutomaticErrorRecoveryRequest> ||
-    std::same_as<std::remove_const_t<R>, GetRobotModelRequest>
-constexpr void carry(A&, R&, const Dialect&) {}
+constexpr void carry(auto&, MessageOf<StopMoveRequest> auto&, const Dialect&) {}
+constexpr void carry(auto&, MessageOf<AutomaticErrorRecoveryRequest> auto&, const Dialect&) {}
+constexpr void carry(auto&, MessageOf<GetRobotModelRequest> auto&, const Dialect&) {}
 
 // [bytes], without the header
 template <class R>
@@ -270,7 +251,7 @@ static_assert(request_size<AutomaticErrorRecoveryRequest>(*dialect(10)) == 12);
 static_assert(request_size<LoadModelLibraryRequest>(*dialect(5)) == 14);
 static_assert(request_size<GetRobotModelRequest>(*dialect(10)) == 12);
 
-// The largest request of any version: a server needs no more room per message.
+// The largest request of any version: the space a server needs per message.
 inline constexpr std::size_t kMaxRequestSize = request_size<SetCollisionBehaviorRequest>(kDialects.back());
 // Replies with a fixed length are at most this long.
 inline constexpr std::size_t kMaxPlainReplySize =
@@ -311,7 +292,7 @@ std::size_t encode_connect_reply(std::uint32_t command_id, Status status, std::u
 
 std::size_t encode(const Dialect& d, const CartesianLimit& limit, std::span<std::byte> to);
 
-// A reply's payload: status first, the rest is left in `rest`.
+// A reply's payload: status first; the remainder is returned in `rest`.
 [[nodiscard]] WireResult decode_reply(const Dialect& d, Command command, std::span<const std::byte> payload,
                                       Status& status, std::span<const std::byte>& rest);
 [[nodiscard]] WireResult decode_connect_reply(std::span<const std::byte> payload, Status& status,

@@ -7,8 +7,8 @@
 
 #include "fci/wire/commands.hpp"
 
-// How a request was answered: one byte whose meaning depends on the request and the version. Here one
-// enumeration covers all of them.
+// The answer to a request: one byte whose meaning depends on request and version. Here one enumeration covers
+// all of them.
 namespace multipanda::fci {
 
 enum class Status : std::uint8_t {
@@ -30,7 +30,7 @@ enum class Status : std::uint8_t {
 };
 inline constexpr std::size_t kStatusCount = 15;
 
-// Human-readable reason, in lower case and without a period.
+// Reason in lower case, without a period.
 std::string_view text(Status status);
 
 namespace detail {
@@ -104,7 +104,7 @@ constexpr std::optional<std::uint8_t> exact_status_byte(const Dialect& d, Comman
   return std::nullopt;
 }
 
-// Nothing: the byte is outside the enumeration, so the reply violates the protocol.
+// None: the byte is outside the enumeration, so the reply violates the protocol.
 constexpr std::optional<Status> status_of(const Dialect& d, Command command, std::uint8_t byte) {
   const detail::StatusList& list = detail::statuses(d, command);
   if (byte >= list.count) return std::nullopt;
@@ -121,14 +121,14 @@ constexpr std::uint8_t status_byte(const Dialect& d, Command command, Status sta
                       status == manual_recovery_required;
   const Status nearest = status == preempted_by_safety ? preempted : ending ? aborted : not_possible;
   if (const auto byte = exact_status_byte(d, command, nearest)) return *byte;
-  return 1;  // every list's first refusal, except Move's, which has both of the above
+  return 1;  // the first refusal of every list, except that of Move, which has both
 }
 
 // Gripper and vacuum gripper: 16 bits, the same for all requests.
 enum class GripperStatus : std::uint16_t {
   success,       // done
-  fail,          // could not be done
-  unsuccessful,  // done, but not with the expected result: nothing grasped
+  fail,          // failed
+  unsuccessful,  // executed without the expected result: nothing grasped
   aborted,       // by Stop or another request
 };
 

@@ -36,28 +36,18 @@ struct VacuumState {
   std::int32_t vacuum = 0;        // [mbar]
 };
 
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, VacuumConnectRequest>
-constexpr void carry(A& a, R& r) {
+constexpr void carry(auto& a, MessageOf<VacuumConnectRequest> auto& r) {
   a.integer("version", r.version);
   a.integer("udp_port", r.udp_port);
 }
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, VacuumRequest>
-constexpr void carry(A& a, R& r) {
+constexpr void carry(auto& a, MessageOf<VacuumRequest> auto& r) {
   a.integer("vacuum", r.vacuum);
   a.integer("profile", r.profile);
   a.integer("timeout", r.timeout);
 }
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, VacuumDropOffRequest>
-constexpr void carry(A& a, R& r) { a.integer("timeout", r.timeout); }
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, VacuumStopRequest>
-constexpr void carry(A&, R&) {}
-template <class A, class R>
-requires std::same_as<std::remove_const_t<R>, VacuumState>
-constexpr void carry(A& a, R& s) {
+constexpr void carry(auto& a, MessageOf<VacuumDropOffRequest> auto& r) { a.integer("timeout", r.timeout); }
+constexpr void carry(auto&, MessageOf<VacuumStopRequest> auto&) {}
+constexpr void carry(auto& a, MessageOf<VacuumState> auto& s) {
   a.integer("message_id", s.message_id);
   a.flag("in_control_range", s.in_control_range);
   a.flag("part_detached", s.part_detached);

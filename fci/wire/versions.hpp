@@ -20,11 +20,9 @@ struct Dialect {
 
   constexpr bool has_base_acceleration() const { return version >= 5; }         // O_ddP_O in the state
   constexpr std::size_t error_count() const { return version >= 5 ? 41 : 37; }  // flags in the state
-  constexpr bool has_cartesian_limits() const { return version <= 5; }  // GetCartesianLimit, SetFilters
-  constexpr bool has_safety_statuses() const { return version >= 6; }   // "... by a safety function"
+  constexpr bool has_safety_statuses() const { return version >= 6; }           // "... by a safety function"
   constexpr bool has_none_generator() const { return version >= 7; }  // mode `none`, torque_command_finished
   constexpr bool has_model_text() const { return version >= 8; }      // GetRobotModel: URDF
-  constexpr bool has_model_library() const { return version <= 9; }   // LoadModelLibrary
   constexpr bool is_single_precision() const { return version >= 10; }      // of the state
   constexpr bool has_accelerometers() const { return version >= 10; }       // in the state
   constexpr bool has_asynchronous_motion() const { return version >= 10; }  // tail of the Move request

@@ -29,7 +29,7 @@ class Filler {
   explicit Filler(Leaf leaf) : leaf_(leaf) {}
   template <RosMessage M>
   void fill(M& message) {
-    std::apply([this](auto&... field) { (put(field), ...); }, message.fields());
+    std::apply([this](auto&... field) { (this->put(field), ...); }, message.fields());
   }
 
  private:

@@ -10,8 +10,7 @@
 
 #include "models/from_urdf.hpp"
 #include "models/testing/two_engines.hpp"
-#include "models/to_mjcf.hpp"
-#include "models/to_urdf.hpp"
+#include "models/write_robot.hpp"
 #include "models/xml_text.hpp"
 
 namespace multipanda::test {
@@ -104,7 +103,8 @@ class OddRobot {
     if (axis.empty()) axis = exact(Vector3(random_.pose().position.normalized()));
     link(child);
     xml_.open("joint", {{"name", name}, {"type", type}});
-    const Vector3 rpy(random_.uniform(-3, 3), random_.uniform(-1.5, 1.5), random_.uniform(-3, 3));
+    const double yaw = random_.uniform(-3, 3), pitch = random_.uniform(-1.5, 1.5);
+    const Vector3 rpy(random_.uniform(-3, 3), pitch, yaw);
     xml_.leaf("origin", {{"xyz", exact(Vector3(0.3 * random_.pose().position))}, {"rpy", exact(rpy)}});
     xml_.leaf("parent", {{"link", parent}});
     xml_.leaf("child", {{"link", child}});

@@ -77,8 +77,8 @@ struct PinocchioArm::Engine {
   pinocchio::Model model;
   pinocchio::Data data;
   pinocchio::SE3 X_BR = pinocchio::SE3::Identity();  // the file's root in the base
-  std::vector<std::pair<std::size_t, pinocchio::SE3>>
-      on_root;  // joints that are attached to the root, and where
+  // Joints that are attached to the root, and where.
+  std::vector<std::pair<std::size_t, pinocchio::SE3>> on_root;
   void ready() {
     for (std::size_t j = 1; j < model.joints.size(); ++j) {
       if (model.parents[j] == 0) on_root.emplace_back(j, model.jointPlacements[j]);
@@ -142,8 +142,11 @@ Terms PinocchioArm::terms(const VectorXd& q, const VectorXd& dq, const std::vect
 }
 
 Pose Random::pose() {
-  const Vector3 p(uniform(-2, 2), uniform(-2, 2), uniform(-1, 1));
-  return Pose::from(p, Quaternion(normal(), normal(), normal(), normal()));
+  const double z = uniform(-1, 1), y = uniform(-2, 2);
+  const Vector3 p(uniform(-2, 2), y, z);
+  Quaternion q;
+  for (double* value : {&q.z(), &q.y(), &q.x(), &q.w()}) *value = normal();
+  return Pose::from(p, q);
 }
 
 VectorXd Random::between(const JointVector& low, const JointVector& high) {

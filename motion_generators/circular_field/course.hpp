@@ -7,6 +7,11 @@
 
 #include "motion_generators/circular_field/planner.hpp"
 
+namespace multipanda {
+class Archive;
+struct Key;
+}  // namespace multipanda
+
 namespace multipanda::circular_field {
 
 // An obstacle's motion in closed form: p(t) = position + velocity t + amplitude sin(2 pi t / period + phase).
@@ -22,7 +27,7 @@ struct MovingBall {
   Ball at(double t) const;  // t [s] since the start
 };
 
-// An input of a controllet that follows a hand.
+// Input of a controllet that follows a hand.
 struct Destination {
   std::string controllet, input;
   Vector3 offset = Vector3::Zero();  // from the hand's pose, world axes [m]
@@ -30,8 +35,8 @@ struct Destination {
 
 struct CourseHand {
   HandSpec spec;
-  std::vector<std::string>
-      start_at;               // arms of a run: the hand begins at the mean pose of their end effectors
+  // Arms of a run: the hand begins at the mean pose of their end effectors.
+  std::vector<std::string> start_at;
   std::optional<Pose> start;  // used without a run
   std::vector<Pose> goals;    // in order, in the world
   std::vector<Destination> publish;
@@ -51,6 +56,11 @@ struct Course {
 
 // Reads a course file (docs/motion_generator.md). Throws std::invalid_argument with "file:line: cause".
 Course load_course(const std::filesystem::path& file);
+
+// Parts common to the files of generators: a pose {position_m, rpy_rad}, both required; a list of them.
+void visit_pose_part(Archive& archive, Key key, std::optional<Pose>& X);
+void visit_poses(Archive& archive, Key key, std::vector<Pose>& poses);
+void visit(Archive& archive, Destination& to);
 
 // Executes a course: planner, motion of the obstacles and goals of the hands. One thread.
 class CourseRun {

@@ -36,7 +36,7 @@ Vector3 passing_side(const Ball& hand, const Ball& obstacle, const Vector3& pref
   const auto across = [&](const Vector3& a) { return Vector3(a - a.dot(v) * v); };
   const Vector3 miss = across(r) + kHeadOn * across(preferred);
   if (miss.norm() > 1e-6) return miss.normalized();
-  // Two hands that meet have opposite v and so take opposite sides. For vertical v the side is along x.
+  // Two approaching hands have opposite v and so take opposite sides. For vertical v the side is along x.
   return unit_or(v.cross(Vector3::UnitZ()), Vector3::UnitX());
 }
 
@@ -45,7 +45,7 @@ Vector3 circular_force(const FieldGains& gains, const Ball& hand, const Ball& ob
   if (nearness == 0) return Vector3::Zero();
   const Vector3 r = unit_or(hand.position - obstacle.position, Vector3::UnitX());
   const Vector3 v_rel = hand.velocity - obstacle.velocity;
-  const double parting = r.dot(v_rel) / (v_rel.norm() + kSlow);  // -1: straight at it, 0: passing
+  const double parting = r.dot(v_rel) / (v_rel.norm() + kSlow);  // -1: head on, 0: passing
   const double turn_rate = gains.turn_rate * nearness * nearness * (1 - smooth_step(2 * parting));
   const Vector3& v = hand.velocity;
   return turn_rate / (v.norm() + kSlow) * v.cross(side.cross(v));
@@ -58,7 +58,7 @@ Barrier ball_barrier(const FieldGains& gains, const Ball& hand, const Ball& obst
   const double closing = n.dot(v);
   const double k = gains.braking;
   const double h = gap(hand, obstacle) - gains.clearance;
-  // h'' = n . a + |v across|^2 / |r|. The second term only increases h'' and is left out.
+  // h'' = n . a + |v across|^2 / |r|. The second term only increases h'' and is omitted.
   return {n, share * (-2 * k * closing - k * k * h)};
 }
 

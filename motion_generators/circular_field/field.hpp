@@ -9,8 +9,8 @@
 // World axes, SI.
 //
 // Each obstacle acts like a current whose magnetic field turns a moving charge. The force is
-// perpendicular to the velocity and does no work. So it neither speeds a hand up nor creates a local
-// minimum, as repulsion does.
+// perpendicular to the velocity and does no work. So, unlike repulsion, it neither accelerates a hand nor
+// creates a local minimum.
 namespace multipanda::circular_field {
 
 // A moving sphere.
@@ -35,7 +35,7 @@ Vector3 attraction(const FieldGains& gains, const Vector3& to_goal, const Vector
 
 // The side on which to pass an obstacle: the unit vector from its center to the hand at their closest
 // approach if both keep their velocities. If they meet head on, `preferred` (unit length or zero) decides. If
-// that is zero, a fixed rule gives two hands that meet opposite sides.
+// that is zero, a fixed rule gives approaching hands opposite sides.
 Vector3 passing_side(const Ball& hand, const Ball& obstacle, const Vector3& preferred);
 
 // The circular field of one obstacle: F = v x (c x v) Omega / |v|, c the passing side. Omega, the turn rate

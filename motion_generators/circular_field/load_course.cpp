@@ -1,9 +1,32 @@
-#include "config_file/archive.hpp"
 #include "motion_generators/circular_field/course.hpp"
-#include "motion_generators/yaml_pose.hpp"
+#include "yaml_reader/archive.hpp"
 
 // The keys of a course file; docs/motion_generator.md explains them.
 namespace multipanda::circular_field {
+namespace {
+
+void visit_whole_pose(Archive& archive, Pose& X) {
+  Vector3 rpy = Vector3::Zero();
+  archive(Key("position_m").required(), X.position);
+  archive(Key("rpy_rad").required(), rpy);
+  X.rotation = rotation_from_rpy(rpy);
+}
+
+}  // namespace
+
+void visit_pose_part(Archive& archive, Key key, std::optional<Pose>& X) {
+  Pose read;
+  archive.part(key, [&](Archive& inner) { visit_whole_pose(inner, read); });
+  if (archive.has(key.name)) X = read;
+}
+
+void visit_poses(Archive& archive, Key key, std::vector<Pose>& poses) {
+  archive.items(std::move(key), [&](Archive& inner) {
+    Pose X;
+    visit_whole_pose(inner, X);
+    if (inner.reading()) poses.push_back(X);
+  });
+}
 
 void visit(Archive& archive, Destination& to) {
   archive(Key("controllet").required(), to.controllet);

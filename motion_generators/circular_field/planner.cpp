@@ -10,7 +10,7 @@ namespace {
 constexpr double kKeepSide = 2.0;      // rate at which a chosen passing side may change [1/s]
 constexpr double kForgetRange = 1.2;   // times the field's range: farther away, the side is dropped
 constexpr double kSpeedShare = 0.96;   // fraction of the speed limit that is used
-constexpr double kSpeedBraking = 20;   // rate at which the rest of it may be used up [1/s]
+constexpr double kSpeedBraking = 20;   // rate at which the remaining fraction may be used up [1/s]
 constexpr double kTurnPull = 8.0;      // gain of the angular velocity [1/s]
 constexpr double kTurnApproach = 2.0;  // gain of the orientation error [1/s]
 
@@ -72,8 +72,7 @@ Ball Planner::ball(std::size_t hand) const {
   return {states_[hand].X_W.position, states_[hand].velocity, specs_[hand].radius};
 }
 
-// A chosen side is kept and follows the motion only slowly, so that two adjacent obstacles do not make
-// a hand oscillate.
+// A chosen side changes only slowly, so that two adjacent obstacles do not make a hand oscillate.
 Vector3 Planner::steer(std::size_t hand, std::size_t slot, const Ball& other, double dt) {
   const Ball own = ball(hand);
   Vector3& side = sides_[hand][slot];

@@ -80,8 +80,8 @@ class Planner {
   std::vector<Pose> goals_;
   std::vector<bool> braking_;
   std::vector<Vector3> next_;  // accelerations of this step
-  std::vector<std::vector<Vector3>>
-      sides_;  // [hand][other hands, then obstacles]: passing sides; zero if none
+  // [hand][other hands, then obstacles]: passing sides; zero if none.
+  std::vector<std::vector<Vector3>> sides_;
   std::vector<Barrier> barriers_;
   std::vector<double> multipliers_;
 };

@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "core/testing/series.hpp"
-#include "motion_generators/circular_field/seeded_course.hpp"
+#include "motion_generators/testing/seeded_course.hpp"
 
 namespace multipanda::circular_field::planner_test {
 namespace {

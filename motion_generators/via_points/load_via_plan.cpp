@@ -1,6 +1,5 @@
-#include "config_file/archive.hpp"
 #include "motion_generators/via_points/via_plan.hpp"
-#include "motion_generators/yaml_pose.hpp"
+#include "yaml_reader/archive.hpp"
 
 // The keys of the file; docs/motion_generator.md explains them.
 namespace multipanda {
@@ -39,7 +38,7 @@ void visit_limits(Archive& archive, ViaPlan& plan) {
 void visit(Archive& archive, ViaTrack& track) {
   archive(Key("arm").required(), track.arm);
   const auto joints = archive.open(Key("joints_rad"));
-  visit_poses(archive, Key("poses").each("pose"), track.poses);
+  circular_field::visit_poses(archive, Key("poses").each("pose"), track.poses);
   archive.list(Key("publish").each("destination").required(), track.publish);
   if (!archive.reading()) return;
   if (archive.has("joints_rad") == archive.has("poses"))

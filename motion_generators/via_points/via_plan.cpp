@@ -55,7 +55,7 @@ ViaRun::ViaRun(ViaPlan plan, const std::vector<SetPointChannel::Arm>& starts) : 
   }
 }
 
-// A further round through all via points, from the end of the last one.
+// A further pass through all via points, from the end of the last one.
 ViaRun::Motion ViaRun::again(const ViaTrack& track, const Motion& before) const {
   if (const auto* joints = std::get_if<JointMotion>(&before)) {
     return joint_via_motion(resting(joints->sample(joints->duration()).position), track.joints,
@@ -120,7 +120,8 @@ std::vector<double> ViaRun::values(std::size_t track) const {
     const JointVector q = joints->sample(t).position;
     return {q.begin(), q.end()};
   }
-  return values_of(std::get<PoseMotion>(leg.motion).sample(t).X);
+  const auto values = std::get<PoseMotion>(leg.motion).sample(t).X.values();
+  return {values.begin(), values.end()};
 }
 
 std::vector<SetPointChannel::Arm> starts_in(SetPointChannel& channel, const ViaPlan& plan) {

@@ -44,7 +44,7 @@ struct ViaPlan {
 // Reads a file (docs/motion_generator.md). Throws std::invalid_argument with "file:line: cause".
 ViaPlan load_via_plan(const std::filesystem::path& file);
 
-// Executes a plan. All tracks begin together, and each takes its own time. One thread.
+// Executes a plan. All tracks begin together; their durations differ. One thread.
 class ViaRun {
  public:
   // `starts` has one entry per track. Throws std::invalid_argument with the track's arm if it

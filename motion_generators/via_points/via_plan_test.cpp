@@ -102,7 +102,7 @@ TEST_F(ViaPlanFile, BrakesWhenStoppedAndGivesUpWhenNothingIsDelivered) {
 
   link.refuses = true;
   ViaRun alone(plan, starts_in(link, plan));
-  EXPECT_EQ(publish_via(alone, link, {.patience_s = 0.5}).ended_by, "nobody_listens");
+  EXPECT_EQ(publish_via(alone, link, {.patience_s = 0.5}).ended_by, "no_receiver");
 }
 
 TEST_F(ViaPlanFile, RepeatsWithoutAJump) {

@@ -13,7 +13,7 @@ from ._version import __version__
 from .arm import Arm, Gripper, Vacuum
 from .client import Client, connect
 from .commands import Report, compare, experiment, identify, refine, report
-from .connection import running_sockets
+from .connection import running_sockets, stop_all
 from .controllet import Controllet
 from .episode import Episode, LoggedEpisode
 from .errors import Disconnected, Error, ProgramMissing, Refused, Timeout, VersionMismatch
@@ -23,13 +23,16 @@ from .jog import JogLimits
 from .law import Evaluation, Law, PlacedLaw, law
 from .law_layout import LawInput, LawParameter
 from .log import Log, read_log
+from .model import ArmModel, model
 from .notebook import live_table
 from .parameters import Parameter
+from .pose import Pose
 from .program import program_path
 from .record import History, Record
 from .space_mouse import SpaceMouse
+from .ssh import Clock
 from .started import Run, Summary, play, run
-from .state import ArmState, GripperState, Pose, RunState
+from .state import ArmState, GripperState, RunState
 from .stream import Stream
 from .stubs import stubs
 from .study import StudyResult, study
@@ -37,8 +40,10 @@ from .virtual import VirtualArms, virtual_arms
 
 __all__ = [
     "Arm",
+    "ArmModel",
     "ArmState",
     "Client",
+    "Clock",
     "Controllet",
     "Disconnected",
     "Episode",
@@ -81,6 +86,7 @@ __all__ = [
     "identify",
     "law",
     "live_table",
+    "model",
     "play",
     "program_path",
     "read_log",
@@ -88,6 +94,7 @@ __all__ = [
     "report",
     "run",
     "running_sockets",
+    "stop_all",
     "stubs",
     "study",
     "virtual_arms",

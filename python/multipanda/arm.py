@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from .base_client import BaseClient
 from .errors import Refused
-from .state import ArmState, GripperState, Pose
+from .model import ArmModel
+from .pose import Pose
+from .state import ArmState, GripperState
 
-if TYPE_CHECKING:
-    from .client import Client
-
-_GRIPPER_PATIENCE_S = 620  # the run itself gives up after 600 s
+_GRIPPER_PATIENCE_S = 620  # the run gives up after 600 s
 
 
 def _pose(values: Any) -> dict[str, list[float]]:
@@ -21,24 +21,36 @@ def _pose(values: Any) -> dict[str, list[float]]:
     return {"position_m": pose.position_m.tolist(), "quaternion_wxyz": pose.quaternion_wxyz.tolist()}
 
 
-class Gripper:
-    """The hand of an arm. Each call returns when the motion is over.
+class _Device:
+    """An end effector that executes actions."""
 
-    Every call raises `Refused` if the arm has no hand or the motion failed, `Timeout` without an answer in 620 s,
-    `Disconnected` once the run has ended.
-    """
+    _kind: str
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
 
     def _ask(self, action: str, **values: float | None) -> None:
         given = {key: value for key, value in values.items() if value is not None}
-        request = {"do": "gripper", "arm": self._arm.name, "action": action, **given}
+        request = {"do": self._kind, "arm": self._arm.name, "action": action, **given}
         self._arm.client.ask(request, _GRIPPER_PATIENCE_S)
+
+    def stop(self) -> None:
+        """Ends an action."""
+        self._ask("stop")
+
+
+class Gripper(_Device):
+    """The hand of an arm. Each call returns when the motion has ended.
+
+    Every call raises `Refused` if the arm has no hand or the motion failed, `Timeout` without an answer in 620 s,
+    `Disconnected` once the run has ended.
+    """
+
+    _kind = "gripper"
 
     @property
     def state(self) -> GripperState:
-        """Width [m], and whether something is held."""
+        """Width [m], and whether an object is held."""
         state = self._arm.state.gripper
         if state is None:
             raise Refused("no_gripper", f"arm '{self._arm.name}' has no gripper")
@@ -59,7 +71,7 @@ class Gripper:
         force_n: float | None = None,
         tolerance_m: float | None = None,
     ) -> None:
-        """Closes until something of this width is held.
+        """Closes until an object of this width is held.
 
         Args:
             width_m: Width of the object [m].
@@ -72,23 +84,14 @@ class Gripper:
         """
         self._ask("grasp", width_m=width_m, speed_m_per_s=speed_m_per_s, force_n=force_n, tolerance_m=tolerance_m)
 
-    def stop(self) -> None:
-        """Ends a motion of the fingers."""
-        self._ask("stop")
 
+class Vacuum(_Device):
+    """The vacuum gripper of an arm. Each call returns when it has finished, and raises the errors of Gripper."""
 
-class Vacuum:
-    """The vacuum gripper of an arm. Each call returns when it is done, and raises the errors of Gripper."""
-
-    def __init__(self, arm: Arm) -> None:
-        self._arm = arm
-
-    def _ask(self, action: str, **values: float | None) -> None:
-        given = {key: value for key, value in values.items() if value is not None}
-        self._arm.client.ask({"do": "vacuum", "arm": self._arm.name, "action": action, **given}, _GRIPPER_PATIENCE_S)
+    _kind = "vacuum"
 
     def on(self, vacuum_mbar: float | None = None, timeout_s: float | None = None) -> None:
-        """Sucks until something is held.
+        """Applies suction until an object is held.
 
         Args:
             vacuum_mbar: Pressure below that of the air [mbar].
@@ -103,10 +106,6 @@ class Vacuum:
         """Releases what is held, within timeout_s [s]."""
         self._ask("drop", timeout_s=timeout_s)
 
-    def stop(self) -> None:
-        """Ends an action."""
-        self._ask("stop")
-
 
 class Arm:
     """One arm of a run: `run.arms["left"]`.
@@ -117,21 +116,22 @@ class Arm:
     Attributes:
         name: Its name in the scene.
         joints: Number of joints.
+        home_rad: The model's comfortable joint angles [rad]: run["joint"].goal("joints", arm.home_rad).
         gripper: Its hand.
         vacuum: Its vacuum gripper.
         client: The run.
     """
 
-    def __init__(self, client: Client, entry: dict[str, Any]) -> None:
+    def __init__(self, client: BaseClient, entry: dict[str, Any]) -> None:
         self.client = client
         self.name: str = entry["name"]
         self.joints: int = entry["joints"]
-        self._carrier: str = entry.get("base_on", {}).get("arm", "")
-        self._base: Pose | None = None
-        if not self._carrier:
-            self._base = Pose(np.array(entry["base_position_m"]), np.array(entry["base_quaternion_wxyz"]))
+        self.home_rad = np.array(entry["home_rad"], dtype=np.float64)
         self.gripper = Gripper(self)
         self.vacuum = Vacuum(self)
+        self._load: tuple[Any, ...] | None = None  # as this client has set it
+        self._frames: dict[str, Any] = {}
+        self._model: ArmModel | None = None
 
     def __repr__(self) -> str:
         return f"<arm {self.name}: {self.joints} joints>"
@@ -143,13 +143,22 @@ class Arm:
         Raises:
             Refused: It stands on another arm, which moves it.
         """
-        if self._base is None:
-            raise Refused(
-                "out_of_bounds",
-                f"arm '{self.name}' stands on arm '{self._carrier}': its base does not stand still",
-                "give poses in the world",
-            )
-        return self._base
+        return self.client.base(self.name)
+
+    @property
+    def model(self) -> ArmModel:
+        """The loop's model, with the scene's load and frames or those that this client has set: read it again then.
+
+        Raises:
+            Refused: The run was not started by this process; mp.model(SCENE, arm=NAME) names its scene.
+        """
+        if self._model is None:
+            self._model = self.client.arm_model(self.name)
+            if self._load is not None:
+                self._model.set_load(*self._load)
+            if self._frames:
+                self._model.set_frames(**self._frames)
+        return self._model
 
     def _ask(self, request: str, **values: Any) -> None:
         given = {key: value for key, value in values.items() if value is not None}
@@ -157,7 +166,7 @@ class Arm:
 
     @property
     def state(self) -> ArmState:
-        """The newest state, as `Client.state()` has it. Raises Timeout if the run does not answer."""
+        """The newest state, as from `Client.state()`. Raises Timeout if the run does not answer."""
         return self.client.arm_state(self.name)
 
     def stop(self) -> None:
@@ -165,11 +174,11 @@ class Arm:
         self.client.stop(self.name)
 
     def resume(self) -> None:
-        """Allows switches again after stop(). The arm is still held until then."""
+        """Allows switches again after stop(). The arm stays in hold until the next switch."""
         self.client.resume(self.name)
 
     def recover(self) -> None:
-        """Clears the arm's error after its cause is gone; never done by itself. The arm is held afterwards."""
+        """Clears the arm's error once its cause is removed; never done automatically. The arm is held afterwards."""
         self._ask("recover")
 
     def reconnect(self) -> None:
@@ -189,7 +198,7 @@ class Arm:
     ) -> None:
         """Declares the payload.
 
-        The arm compensates another gravity at once, so it moves by the difference over the stiffness.
+        Its weight comes in within 1 s, so the arm moves by what is declared and not there, over its stiffness.
 
         Args:
             mass_kg: Mass [kg]; 0 for none.
@@ -208,6 +217,7 @@ class Arm:
             keys = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
             inertia = {key: float(m[at]) for key, at in keys.items()}
         self._ask("set_load", mass_kg=mass_kg, com_m=[float(x) for x in com_m], inertia_kg_m2=inertia)
+        self._load, self._model = (mass_kg, com_m, inertia_kg_m2), None
 
     def set_frames(self, end_effector: Any = None, stiffness_frame: Any = None) -> None:
         """Redefines frames; the arm does not move.
@@ -218,6 +228,7 @@ class Arm:
 
         Raises:
             ValueError: Neither is given, or one is not a valid pose.
+            Refused: The end effector is farther from the flange than `farthest_end_effector_m` of the scene.
         """
         if end_effector is None and stiffness_frame is None:
             raise ValueError("set_frames: expected end_effector, stiffness_frame, or both")
@@ -226,6 +237,9 @@ class Arm:
             end_effector=None if end_effector is None else _pose(end_effector),
             stiffness_frame=None if stiffness_frame is None else _pose(stiffness_frame),
         )
+        named = {"end_effector": end_effector, "stiffness_frame": stiffness_frame}
+        self._frames |= {name: pose for name, pose in named.items() if pose is not None}
+        self._model = None
 
     def set_joint_stiffness(self, joint_stiffness_nm_per_rad: Sequence[float]) -> None:
         """Stiffness of the arm's own joint controller [N m/rad], one number per joint."""

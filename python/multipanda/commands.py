@@ -46,13 +46,9 @@ def experiment(name: Path, **options: Any) -> dict[str, Any]:
 def compare(real: Path, sim: Path, **options: Any) -> dict[str, Any]:
     """Compares a measured and a simulated task in every quantity: `multipanda compare`.
 
-    Returns what its `--json` prints; units are in the names (docs/compare.md).
+    Returns what its `--json` prints; units are in the names (docs/identification.md).
 
-    Raises:
-        Refused: An option or a file is not accepted.
-        Error: The command ended without a result; its messages say why.
-        ProgramMissing: The program was not found.
-        VersionMismatch: The program is of another version.
+    Errors are those of experiment().
     """
     return call_json(["compare", real, sim, *_options(options)])
 
@@ -60,11 +56,7 @@ def compare(real: Path, sim: Path, **options: Any) -> dict[str, Any]:
 def identify(*logs: Path, **options: Any) -> dict[str, Any]:
     """Identifies the parameters of an arm from logs of its motion: `multipanda identify`.
 
-    Raises:
-        Refused: An option or a file is not accepted.
-        Error: The command ended without a result; its messages say why.
-        ProgramMissing: The program was not found.
-        VersionMismatch: The program is of another version.
+    Errors are those of experiment().
     """
     return call_json(["identify", *logs, *_options(options)])
 
@@ -72,11 +64,7 @@ def identify(*logs: Path, **options: Any) -> dict[str, Any]:
 def refine(name: Path, **options: Any) -> dict[str, Any]:
     """Adapts the simulation of a task to its arms: `multipanda refine`. Real arms need cleared=True.
 
-    Raises:
-        Refused: An option or a file is not accepted.
-        Error: The command ended without a result; its messages say why.
-        ProgramMissing: The program was not found.
-        VersionMismatch: The program is of another version.
+    Errors are those of experiment().
     """
     return call_json(["refine", os.fspath(name), *_options(options)])
 
@@ -99,11 +87,7 @@ class Report:
 def report(log: Path) -> Report:
     """Makes the HTML report of a recorded run: `multipanda report`.
 
-    Raises:
-        Refused: An option or a file is not accepted.
-        Error: The command ended without a result; its messages say why.
-        ProgramMissing: The program was not found.
-        VersionMismatch: The program is of another version.
+    Errors are those of experiment().
     """
     code, out, err = call(["report", log])
     path = pathlib.Path(log)

@@ -4,30 +4,40 @@ from __future__ import annotations
 
 import difflib
 import inspect
-from typing import TYPE_CHECKING, Any
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
 
-from .errors import Refused
+from .base_client import BaseClient
 from .goal import Goal
+from .instance import Instance
 from .parameters import Parameter, Value, parameter_of
+from .state import ArmState
 from .stream import Stream, target_values
 
-if TYPE_CHECKING:
-    from .client import Client
+
+def _no_parameter(owner: Any, name: str) -> AttributeError:
+    known = [key for key, member in vars(type(owner)).items() if isinstance(member, (Parameter, property))]
+    near = [key for key in known if name in key] or difflib.get_close_matches(name, known, 1)
+    hint = f"; did you mean {' or '.join(near)}?" if near else f"; it has: {', '.join(known) or 'none'}"
+    return AttributeError(f"{vars(owner).get('name', 'it')} has no parameter '{name}'{hint}")
 
 
-def _set_parameter(owner: Any, name: str, value: Any) -> None:
-    """Only parameters can be written: a typing error must not make a new attribute."""
-    kind = type(owner)
-    if isinstance(inspect.getattr_static(kind, name, None), (Parameter, property)):
-        object.__setattr__(owner, name, value)
-        return
-    known = [key for key, member in vars(kind).items() if isinstance(member, (Parameter, property))]
-    near = difflib.get_close_matches(name, known, 1)
-    hint = f"; did you mean {near[0]}?" if near else f"; it has: {', '.join(known) or 'none'}"
-    raise AttributeError(f"{owner.name} has no parameter '{name}'{hint}")
+class _Parameters:
+    """Only parameters can be written: a typing error must not make a new attribute. Reading one says the nearest."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not isinstance(inspect.getattr_static(type(self), name, None), (Parameter, property)):
+            raise _no_parameter(self, name)
+        object.__setattr__(self, name, value)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):  # of Python and notebooks, which look for what need not be there
+            raise AttributeError(name)
+        raise _no_parameter(self, name)
 
 
-class Feature:
+class Feature(_Parameters):
     """A feature of a controllet: its parameters are attributes. Errors are those of Controllet.
 
     Attributes:
@@ -44,13 +54,6 @@ class Feature:
 
     def __repr__(self) -> str:
         return f"<feature {self.name} of {self.controllet.name}>"
-
-    if TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any: ...
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        _set_parameter(self, name, value)
 
     def describe(self) -> dict[str, Any]:
         """As Controllet.describe()."""
@@ -70,7 +73,7 @@ class Feature:
         return self.controllet.features[self.name]
 
 
-class Controllet:
+class Controllet(_Parameters, Instance):
     """One configured control law of the scene: `run["left_cartesian"]`.
 
     Its parameters are attributes, and so are its features; `help()` of it shows them with units and bounds. Everything
@@ -84,39 +87,7 @@ class Controllet:
         client: The run.
     """
 
-    name: str
-    type: str
-    arms: tuple[str, ...]
-    client: Client
     _parameters: dict[str, Parameter]
-
-    def __init__(self, client: Client, entry: dict[str, Any]) -> None:
-        object.__setattr__(self, "client", client)
-        object.__setattr__(self, "name", entry["name"])
-        object.__setattr__(self, "type", entry["type"])
-        object.__setattr__(self, "arms", tuple(entry["arms"]))
-
-    def __repr__(self) -> str:
-        return f"<controllet {self.name}: {self.type} of {', '.join(self.arms)}>"
-
-    if TYPE_CHECKING:  # parameters are known when the run is: type checkers take any other name as one
-
-        def __getattr__(self, name: str) -> Any: ...
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        _set_parameter(self, name, value)
-
-    def describe(self) -> dict[str, Any]:
-        """Everything that the run says about it now: inputs, parameters, features, whether it is active."""
-        for entry in self.client.listing()["controllets"]:
-            if entry["name"] == self.name:
-                return dict(entry)
-        raise Refused("unknown_instance", f"the run has no controllet '{self.name}'")
-
-    @property
-    def active(self) -> bool:
-        """Whether it owns its arms now."""
-        return bool(self.describe()["active"])
 
     @property
     def descriptors(self) -> dict[str, Parameter]:
@@ -138,7 +109,8 @@ class Controllet:
             ValueError: A number is not finite.
         """
         known = self._parameters.get(parameter)
-        sent = known.sent(value) if known is not None else value  # an unknown name is refused with the nearest
+        # An unknown name is refused by the run, which suggests the nearest.
+        sent = known.sent(value) if known is not None else value
         self.client.ask({"do": "parameter", "controllet": self.name, "name": parameter, "value": sent})
 
     @property
@@ -158,19 +130,15 @@ class Controllet:
         """Takes its arms, which are held then."""
         self.client.switch(deactivate=self.name)
 
-    @property
-    def inputs(self) -> dict[str, dict[str, Any]]:
-        """Its inputs: quantity, frame, arm, timeout_s, doc."""
-        return {entry["name"]: dict(entry) for entry in self.describe()["inputs"]}
-
-    def input(self, name: str) -> dict[str, Any]:
-        """One of its inputs. Raises Refused with the names that exist."""
-        inputs = self.inputs
-        if name not in inputs:
-            raise Refused("unknown_input", f"{self.name} has no input '{name}'; it has: {', '.join(inputs) or 'none'}")
-        return inputs[name]
-
-    def goal(self, name: str, values: Any, *, frame: str | None = None, duration_s: float | None = None) -> Goal:
+    def goal(
+        self,
+        name: str,
+        values: Any,
+        *,
+        frame: str | None = None,
+        duration_s: float | None = None,
+        until: Mapping[str, float] | None = None,
+    ) -> Goal:
         """Sets a goal for an input; returns once the loop has accepted it.
 
         Args:
@@ -179,36 +147,64 @@ class Controllet:
                 wrench [N, N m] 6 numbers, linear first; for joints one angle each [rad].
             frame: `world` (default) or `<arm>_base`.
             duration_s: Duration of the motion [s]; longer if the limits require it. Without it, as fast as they allow.
+            until: What ends it before, in the loop: the estimated force or moment of an arm changes by `force_n` [N] or
+                `torque_nm` [N m], or its hand moves by `distance_m` [m]. The set-point then brakes and rests there.
 
         Returns:
-            The goal; `wait()` waits for the arrival.
+            The goal: `shortest_s` is what its limits allow, `wait()` waits for the arrival.
 
         Raises:
-            Refused: The controllet is not active, or the goal is out of reach.
+            Refused: The controllet is not active, the goal is out of reach, or `until` cannot be known here.
             ValueError: Another number of values, or one that is not finite.
         """
         spec = self.input(name)
         quantity: str = spec["quantity"]
         numbers = target_values(quantity, values, spec["values"])
-        request: dict[str, Any] = {"do": "reference", "controllet": self.name, "input": name}
-        if quantity == "pose":
-            request |= {"position_m": numbers[:3], "quaternion_wxyz": numbers[3:]}
-        elif quantity == "twist":
-            request |= {"linear_m_per_s": numbers[:3], "angular_rad_per_s": numbers[3:]}
-        elif quantity == "wrench":
-            request |= {"force_n": numbers[:3], "torque_nm": numbers[3:]}
-        elif quantity == "joints":
-            request["q_rad"] = numbers
-        else:
-            request["value"] = numbers[0]
+        request: dict[str, Any] = {"do": "reference", "controllet": self.name, "input": name, "values": numbers}
         if frame is not None:
             request["frame"] = frame
         if duration_s is not None:
             request["duration_s"] = duration_s
+        if until is not None:
+            self.client.shared()  # which says how it ended
+            request["until"] = {key: float(value) for key, value in until.items()}
         answer = self.client.ask(request)
         self.client.commanded(self.name)
         self.client.streaming.pop(self.name, None)
-        return Goal(self, spec, numbers, frame or "world", float(answer["t_s"]))
+        return Goal(self, spec, numbers, frame or "world", float(answer["t_s"]), duration_s, until is not None)
+
+    def through(
+        self,
+        name: str,
+        places: Iterable[Any],
+        *,
+        frame: str | None = None,
+        timeout_s: float = 30,
+        position_m: float = 0.03,
+        angle_rad: float = 0.1,
+    ) -> ArmState:
+        """Goes through poses or joint angles and stops at the last one only.
+
+        The next goal is set where the arm is within the tolerances of the one before it: it turns there without rest.
+        Errors are those of goal() and Goal.wait().
+
+        Args:
+            name: Name of the input.
+            places: Values as for goal(), at least one.
+            frame: `world` (default) or `<arm>_base`.
+            timeout_s: How long each may take [s].
+            position_m: How near it passes [m].
+            angle_rad: How near it passes [rad], of the hand or of a joint.
+
+        Returns:
+            The state at the last place.
+        """
+        *passed, last = places
+        for place in passed:
+            self.goal(name, place, frame=frame).wait(
+                timeout_s, position_m=position_m, angle_rad=angle_rad, speed_rad_per_s=math.inf
+            )
+        return self.goal(name, last, frame=frame).wait(timeout_s)
 
     def stream(self, name: str, *, frame: str | None = None) -> Stream:
         """Opens a stream to an input, for use with `with`. Silence for the input's `timeout_s` [s] means hold.
@@ -231,7 +227,7 @@ def _feature_of(name: str, members: dict[str, Any]) -> property:
     return property(get, doc=f"The feature {name}: {', '.join(members) or 'no parameters'}.")
 
 
-def make_controllet(client: Client, entry: dict[str, Any], joints: dict[str, int]) -> Controllet:
+def make_controllet(client: BaseClient, entry: dict[str, Any], joints: dict[str, int]) -> Controllet:
     """A controllet whose class has the parameters of this instance, for help() and completion."""
     of_arms = {joints[arm] for arm in entry["arms"]}
     count = of_arms.pop() if len(of_arms) == 1 else 0
@@ -250,5 +246,5 @@ def make_controllet(client: Client, entry: dict[str, Any], joints: dict[str, int
     own |= {"_parameters": parameters, "__doc__": "\n".join(lines)}
     made: Controllet = type(entry["type"], (Controllet,), own)(client, entry)
     for name, parameter in parameters.items():
-        parameter.name = name  # of the request; a feature's is not the attribute's
+        parameter.name = name  # the name in requests; that of a feature's parameter differs from its attribute
     return made

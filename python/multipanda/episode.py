@@ -1,23 +1,23 @@
-"""Attempts at a task, marked in the log: where they began, and how they were judged."""
+"""Attempts at a task, marked in the log: their beginnings and outcomes."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from .base_client import BaseClient
 from .errors import Error
-
-if TYPE_CHECKING:
-    from .client import Client
 
 
 class Episode:
     """One attempt, from run.episode() until it is judged. Leaving `with`: success, or failure by an exception.
+
+    A judgment raises `Refused` if the episode is over already, `Timeout` if the run does not answer, `Disconnected`
+    once it has ended.
 
     Attributes:
         client: The run.
@@ -25,7 +25,7 @@ class Episode:
         outcome: "success", "failure" or "discard"; empty until it is judged.
     """
 
-    def __init__(self, client: Client) -> None:
+    def __init__(self, client: BaseClient) -> None:
         self.client = client
         self.outcome = ""
         self.number = int(client.ask({"do": "episode", "mark": "start"})["episode"])
@@ -38,53 +38,31 @@ class Episode:
         self.outcome = outcome
 
     def success(self) -> None:
-        """The task was done.
-
-        Raises:
-            Refused: The episode is over already.
-            Timeout: The run did not answer.
-            Disconnected: The run has ended.
-        """
+        """Marks the attempt as successful."""
         self._judge("success")
 
     def failure(self) -> None:
-        """The task was not done.
-
-        Raises:
-            Refused: The episode is over already.
-            Timeout: The run did not answer.
-            Disconnected: The run has ended.
-        """
+        """Marks the attempt as failed."""
         self._judge("failure")
 
     def discard(self) -> None:
-        """The attempt does not count. Also possible after its judgment, until the next episode begins.
-
-        Raises:
-            Refused: Another episode has begun.
-            Timeout: The run did not answer.
-            Disconnected: The run has ended.
-        """
+        """The attempt does not count. Also possible after its judgment, until the next episode begins."""
         self._judge("discard")
 
     def __enter__(self) -> Episode:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self.outcome:
-            return
-        if kind is None:
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        if not self.outcome and kind is None:
             self.success()
-            return
-        with contextlib.suppress(Error):  # the reason for leaving is the one to see
-            self.failure()
+        elif not self.outcome:
+            with contextlib.suppress(Error):  # the user should see the exception that ended the block
+                self.failure()
 
 
 @dataclass(frozen=True)
 class LoggedEpisode:
-    """An attempt as the log has it.
+    """An attempt in a log.
 
     Attributes:
         number: Of the attempt in the run, from 1.

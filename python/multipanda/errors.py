@@ -1,4 +1,4 @@
-"""What can go wrong, each with its cause and the next step."""
+"""Errors, each with its cause and the next step."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ class Error(Exception):
     def __init__(self, cause: str, next_step: str) -> None:
         self.cause = cause
         self.next_step = next_step
-        super().__init__(f"{cause}. Next: {next_step}" if next_step else cause)
+        end = "" if cause.endswith((".", "?", "!")) else "."
+        super().__init__(f"{cause}{end} Next: {next_step}" if next_step else cause)
 
     def __reduce__(self) -> tuple[type[Error], tuple[str, ...]]:
         """Errors of other processes arrive as they were raised."""
@@ -55,7 +56,7 @@ class ProgramMissing(Error, FileNotFoundError):
 
 
 _STEPS = {
-    "two_owners": "activate one of them, or pass only=True",
+    "two_owners": "name one controllet for each arm",
     "arm_stopped": "call resume() once the reason for the stop is gone, then switch again",
     "arm_not_ready": "read arm.state.errors; recover() after an error, reconnect() after a lost connection",
     "not_active": "switch to the controllet first",

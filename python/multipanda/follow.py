@@ -7,7 +7,6 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Generic, TypeVar
 
 from .record import Record
@@ -15,12 +14,12 @@ from .shared import SharedRecords
 
 T = TypeVar("T")
 
-_PERIOD_S = 2.5e-4  # between two looks
+_PERIOD_S = 2.5e-4  # polling period
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened. docs/shared_records.md lists the kinds.
+    """An event of the run. docs/live_input.md lists the kinds.
 
     Attributes:
         t_s: Loop time of the cycle [s].
@@ -38,7 +37,7 @@ class Event:
 
 
 class _Follower(ABC, Iterator[T], Generic[T]):
-    """Goes from slot to slot. `lost` counts what was overwritten before it was read."""
+    """Reads slot by slot. `lost` counts the slots overwritten before they were read."""
 
     def __init__(self, shared: SharedRecords, capacity: int) -> None:
         self._shared, self._capacity = shared, capacity
@@ -56,15 +55,15 @@ class _Follower(ABC, Iterator[T], Generic[T]):
         self.lost += count
 
     def waiting(self) -> int:
-        """How many are there and not yet read."""
+        """Number of unread entries."""
         return self._written() - self._number
 
     def __next__(self) -> T:
         while not self._closed.is_set():
-            ended = self._shared.ended  # looked at first: what was written before it is still read
+            ended = self._shared.ended  # read first, so that everything written before the end is still delivered
             behind = self._written() - self._number
             if behind > self._capacity:
-                # To the middle of what is there: the oldest would be overwritten before they are read.
+                # Continues in the middle of the ring: the oldest entries would be overwritten before they are read.
                 skipped = behind - self._capacity // 2
                 self._number += skipped
                 self._skipped(skipped)
@@ -85,9 +84,7 @@ class _Follower(ABC, Iterator[T], Generic[T]):
         """Ends the iteration, from any thread."""
         self._closed.set()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *left: object) -> None:
         self.close()
 
 
@@ -105,7 +102,7 @@ class Records(_Follower[Record]):
         return self._shared.written
 
     def _skipped(self, count: int) -> None:
-        pass  # the numbers of the cycles tell, also of those that the loop itself had to drop
+        pass  # cycle numbers show missing records, including those dropped by the loop
 
     def _read(self, number: int) -> Record | None:
         record = self._shared.read(number)

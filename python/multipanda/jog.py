@@ -1,4 +1,4 @@
-"""From what an operator's device says to a moving target of one hand: speed, force limit, lead on the hand."""
+"""Converts an operator's deflection to a moving target of one hand: speed, force limit, lead over the hand."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from .state import Array, Pose
+from .pose import Pose
+from .rotations import Array, exponential, logarithm, multiply, normalized
 
 _LONGEST_STEP_S = 0.1
 
 
 @dataclass(frozen=True)
 class JogLimits:
-    """How fast and how hard a device leads a hand.
+    """Limits of a hand's motion by a device.
 
     Attributes:
         speed_m_per_s: Speed at full deflection [m/s].
@@ -76,46 +77,23 @@ def force_limited(velocity: Array, force: Array, limit_n: float) -> Array:
 def jogged(target: Pose, twist: Array, step_s: float, hand: Pose, force: Array, limits: JogLimits) -> Pose:
     """The target after a step [s]. `twist`: deflection in world axes, linear first, -1 to 1.
 
-    `hand` is where the hand is, `force` what it exerts [N], both in world axes.
+    `hand` is the hand's pose, `force` the force that it exerts [N], both in world axes.
     """
     step = min(max(step_s, 0.0), _LONGEST_STEP_S)
     linear = force_limited(limits.speed_m_per_s * _bounded(twist[:3], 1), force, limits.force_n)
-    turned = _times(_exponential(step * limits.turn_rad_per_s * _bounded(twist[3:], 1)), target.quaternion_wxyz)
-    return within_lead(Pose(target.position_m + step * linear, turned / np.linalg.norm(turned)), hand, limits)
+    turned = multiply(exponential(step * limits.turn_rad_per_s * _bounded(twist[3:], 1)), target.quaternion_wxyz)
+    return within_lead(Pose(target.position_m + step * linear, normalized(turned)), hand, limits)
 
 
 def within_lead(target: Pose, hand: Pose, limits: JogLimits) -> Pose:
     """The nearest pose to the target that is not too far ahead of the hand."""
     position = hand.position_m + _bounded(target.position_m - hand.position_m, limits.lead_m)
-    inverse = hand.quaternion_wxyz * np.array([1, -1, -1, -1])
-    angle = _logarithm(_times(target.quaternion_wxyz, inverse))
-    if float(np.linalg.norm(angle)) <= limits.lead_rad:
+    if target.angle_to(hand) <= limits.lead_rad:
         return Pose(position, target.quaternion_wxyz)
-    turned = _times(_exponential(_bounded(angle, limits.lead_rad)), hand.quaternion_wxyz)
-    return Pose(position, turned / np.linalg.norm(turned))
+    angle = logarithm((target @ hand.inverse()).quaternion_wxyz)
+    return Pose(position, multiply(exponential(_bounded(angle, limits.lead_rad)), hand.quaternion_wxyz))
 
 
 def _bounded(vector: Array, most: float) -> Array:
     size = float(np.linalg.norm(vector))
     return vector if size <= most else vector * (most / size)
-
-
-def _times(a: Array, b: Array) -> Array:
-    """Product of quaternions w, x, y, z."""
-    product: Array = np.concatenate(
-        [[a[0] * b[0] - a[1:] @ b[1:]], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])]
-    )
-    return product
-
-
-def _exponential(rotation: Array) -> Array:
-    half = 0.5 * float(np.linalg.norm(rotation))
-    return np.concatenate([[np.cos(half)], 0.5 * np.sinc(half / np.pi) * rotation])
-
-
-def _logarithm(quaternion: Array) -> Array:
-    """Rotation vector [rad] of at most pi."""
-    q = quaternion if quaternion[0] >= 0 else -quaternion
-    sine = float(np.linalg.norm(q[1:]))
-    result: Array = q[1:] * (2 if sine < 1e-12 else 2 * np.arctan2(sine, q[0]) / sine)
-    return result

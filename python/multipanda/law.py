@@ -44,7 +44,7 @@ _UNBOUNDED = (math.inf, math.inf, math.inf)
 
 
 class Evaluation(NamedTuple):
-    """What a law made of a state.
+    """A law's result for a state.
 
     Attributes:
         tau: Torque of the arm [N m], one number per joint; of a law of several arms a list of these.
@@ -154,7 +154,7 @@ class Law:
             refuse(place, f"{function.name} has no argument '{needed}', into which it writes its torque")
         for node in ast.walk(function.tree):
             if isinstance(node, ast.Return) and node.value is not None:
-                refuse(function.place(node), "a law returns nothing; it writes into tau")
+                refuse(function.place(node), "a law must not return a value; it writes into tau")
         used = set().union(*(f.attributes for f in self._functions.values())) & set(layout.ARM_FIELDS)
         self.declaration = dataclasses.replace(law, uses=frozenset(used))
         self.__dict__.pop("library", None)
@@ -162,7 +162,7 @@ class Law:
 
     @functools.cached_property
     def _key(self) -> str:
-        # Everything that the library depends on, written in the same way by every process.
+        # Everything that the library depends on, in a form that is identical in every process.
         declared = dataclasses.replace(self.declaration, uses=frozenset())
         parts = [__version__, numba_version(), str(layout.VERSION), repr(declared), self.model]
         parts += self.declaration.arm_fields
@@ -181,7 +181,7 @@ class Law:
 
     @functools.cached_property
     def trial(self) -> dict[str, Any]:
-        """What 10 000 random states said: `median_us`, `p999_us`, `worst_us` of processor time of a tick [us].
+        """Results on 10 000 random states: `median_us`, `p999_us`, `worst_us` of processor time of a tick [us].
 
         Raises:
             Refused: A torque is not finite, or a tick takes more than 100 us at 99.9 %.
@@ -286,7 +286,7 @@ class Law:
         return figures
 
     def _explained(self, place: str, sample: dict[str, Any] | None) -> tuple[str, str, str]:
-        """Where, why, and what to do about a fault on a random state: the Python function says it."""
+        """Location, cause and remedy of a fault on a random state, found by the Python function."""
         step = "a law gives a finite torque on every state within the limits; law.evaluate(...) repeats one"
         if sample is None:
             return place, "it faults on random states", step
@@ -299,7 +299,7 @@ class Law:
                 self.evaluate(arms, **state, compiled=False, start=True)
             with np.errstate(all="ignore"):
                 made = self.evaluate(arms, **state, compiled=False)
-        except Exception as error:  # of the user's function
+        except Exception as error:  # raised by the user's function
             frames = [
                 f for f in traceback.extract_tb(error.__traceback__) if f.filename == self._functions["update"].file
             ]
@@ -356,7 +356,7 @@ class Law:
 
     @functools.cached_property
     def _native(self) -> dict[str, Callable[..., int]]:
-        ctypes.CDLL("libm.so.6", mode=ctypes.RTLD_GLOBAL)  # the program has it already
+        ctypes.CDLL("libm.so.6", mode=ctypes.RTLD_GLOBAL)  # already loaded by the program
         exported = ctypes.CDLL(str(self._linked)).multipanda_laws
         exported.restype = ctypes.POINTER(layout.CLaws)
         law = exported().contents.laws[0]

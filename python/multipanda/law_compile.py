@@ -20,7 +20,7 @@ from .errors import Error
 from .law_link import undefined_symbols
 from .law_rules import Function, refuse
 
-# What the program's own libraries have: the C library's functions of numbers, and copies of memory.
+# Symbols that the program's own libraries provide: mathematical functions of the C library, memory copies.
 _C_FUNCTIONS = set(
     "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs floor fma fmax "
     "fmin fmod frexp hypot ldexp lgamma log log10 log1p log2 modf nearbyint nextafter pow remainder rint round "
@@ -79,7 +79,7 @@ def _why(symbols: Sequence[str]) -> str:
 
 
 def _text(error: BaseException) -> str:
-    """What Numba says, in one sentence."""
+    """Numba's message in one sentence."""
     text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))  # colors
     if "_ol_array_allocate" in text or "NRT required" in text or "_empty_nd_impl" in text:
         return (
@@ -89,7 +89,7 @@ def _text(error: BaseException) -> str:
     if "readonly" in text and "setitem" in text:
         return "it writes into something that a law can only read; it writes into tau, outputs and memory"
     if "scipy" in text:
-        return "it calls a library of linear algebra; multipanda.law_math has products with matrices"
+        return "it calls a linear-algebra library; use the matrix products of multipanda.law_math"
     lines = [line.strip() for line in text.splitlines()]
     said = [line for line in lines if line and not line.startswith(("Failed in", "During", "-", "File", "^", ">>>"))]
     return f"Numba cannot compile it: {' '.join(said[:2]) or type(error).__name__}"
@@ -126,7 +126,7 @@ def _place(law: layout.Declaration, functions: dict[str, Function], error: BaseE
 
 
 def _simple(body: Sequence[ast.stmt]) -> Iterator[ast.stmt]:
-    """Statements without statements in them, in the order of the source."""
+    """Simple statements in the order of the source."""
     for statement in body:
         if isinstance(statement, (ast.For, ast.If)):
             yield from _simple([*statement.body, *statement.orelse])
@@ -158,7 +158,7 @@ def _beginning(function: Function, count: int) -> Function:
 
 
 def _native(function: Function, jit: Callable[..., Any] | None) -> Any:
-    """The function from its checked source; with `jit` one that others may call."""
+    """The function from its checked source; with `jit`, callable by others."""
     from numba import njit
 
     options = {"_nrt": False, "boundscheck": True, "error_model": "numpy", "no_cpython_wrapper": True}
@@ -172,12 +172,12 @@ def _native(function: Function, jit: Callable[..., Any] | None) -> Any:
 
 
 def _compile(law: layout.Declaration, functions: dict[str, Function]) -> bytes | Exception:
-    """The object file, or what Numba said."""
+    """The object file, or Numba's message."""
     from numba.core import compiler, types
     from numba.core.compiler_lock import global_compiler_lock
     from numba.core.registry import cpu_target
 
-    # A processor of the kind that the program is built for. The host's vector instructions would fail on another.
+    # The baseline processor that the program is built for: the host's vector instructions may be missing elsewhere.
     context = cpu_target.target_context.with_aot_codegen("multipanda_law")
     flags = compiler.Flags()
     flags.no_compile, flags.no_cpython_wrapper, flags.no_cfunc_wrapper = True, True, True
@@ -213,7 +213,7 @@ def _compile(law: layout.Declaration, functions: dict[str, Function]) -> bytes |
                 if function.name != "multipanda_laws" and function.linkage.name not in ("private", "internal"):
                     function.visibility = "hidden"
             return bytes(library.emit_native_object())
-        except Exception as error:  # of any kind: it becomes the refusal's text
+        except Exception as error:  # becomes the text of the refusal
             return error
 
 

@@ -1,4 +1,4 @@
-"""What a law declares, checked."""
+"""Checked declarations of a law."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a law gets and gives: the C interface of laws (core/plugin/c_law.h), and the same as named tuples of arrays."""
+"""Inputs and outputs of a law: the C interface of laws (core/plugin/c_law.h), and the same as named tuples."""
 
 from __future__ import annotations
 
@@ -37,12 +37,34 @@ class COutput(ctypes.Structure):
     _fields_ = [("name", _TEXT), ("doc", _TEXT), ("size", _U32)]
 
 
+class ArmField(NamedTuple):
+    """One member of `arm`, in the order of multipanda_c_arm: its shape, where "n" is the number of joints, and its flag
+    MULTIPANDA_USES_..."""
+
+    shape: tuple[int | str, ...]
+    flag: int = 0
+
+
+ARM_FIELDS = {
+    "q": ArmField(("n",)),
+    "dq": ArmField(("n",)),
+    "tau_J": ArmField(("n",), 256),
+    "p_WE": ArmField((3,), 1),
+    "R_WE": ArmField((3, 3), 1),
+    "V_WE": ArmField((6,), 2),
+    "J_V_WE": ArmField((6, "n"), 4),
+    "M": ArmField(("n", "n"), 8),
+    "c": ArmField(("n",), 16),
+    "g": ArmField(("n",), 32),
+    "tau_ext_hat": ArmField(("n",), 64),
+    "F_K_W_est": ArmField((6,), 128),
+}
+
+
 class CArm(ctypes.Structure):
     """multipanda_c_arm."""
 
-    _fields_ = [("n", ctypes.c_uint64)]
-    _fields_ += [(name, _NUMBERS) for name in ("q", "dq", "tau_J", "p_WE", "R_WE", "V_WE", "J_V_WE", "M", "c", "g")]
-    _fields_ += [(name, _NUMBERS) for name in ("tau_ext_hat", "F_K_W_est", "tau")]
+    _fields_ = [("n", ctypes.c_uint64), *((name, _NUMBERS) for name in (*ARM_FIELDS, "tau"))]
 
 
 class CSetPoint(ctypes.Structure):
@@ -77,28 +99,6 @@ class CLaws(ctypes.Structure):
     _fields_ += [(f"size_of_{n}", _U32) for n in ("law", "parameter", "input", "output", "arm", "set_point", "tick")]
     _fields_ += [("law_count", _U32), ("reserved", _U32), ("laws", ctypes.POINTER(CLaw))]
 
-
-class ArmField(NamedTuple):
-    """One member of `arm`: its shape, in which "n" is the number of joints, and its flag MULTIPANDA_USES_..."""
-
-    shape: tuple[int | str, ...]
-    flag: int = 0
-
-
-ARM_FIELDS = {
-    "q": ArmField(("n",)),
-    "dq": ArmField(("n",)),
-    "tau_J": ArmField(("n",), 256),
-    "p_WE": ArmField((3,), 1),
-    "R_WE": ArmField((3, 3), 1),
-    "V_WE": ArmField((6,), 2),
-    "J_V_WE": ArmField((6, "n"), 4),
-    "M": ArmField(("n", "n"), 8),
-    "c": ArmField(("n",), 16),
-    "g": ArmField(("n",), 32),
-    "tau_ext_hat": ArmField(("n",), 64),
-    "F_K_W_est": ArmField((6,), 128),
-}
 
 # Members of a set-point, each with its place in multipanda_c_set_point; twists, wrenches and scalars have none.
 SET_POINTS: dict[str, dict[str, tuple[str, tuple[int | str, ...]]]] = {
@@ -151,7 +151,7 @@ class LawInput:
 
 @dataclass(frozen=True)
 class Declaration:
-    """What a law declares, checked."""
+    """Checked declarations of a law."""
 
     type: str
     doc: str

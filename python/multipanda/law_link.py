@@ -61,7 +61,7 @@ def linker() -> list[str]:
 
 
 def link(code: bytes, path: pathlib.Path) -> None:
-    """Links an object file to a library at `path`, which appears at once and whole.
+    """Links an object file to a library at `path`, written atomically.
 
     Raises:
         Error: There is no linker, or it failed.

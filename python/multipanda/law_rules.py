@@ -60,17 +60,17 @@ _MOST_CONSTANT_BYTES = 100_000
 
 
 def refuse(place: str, why: str, next_step: str = "docs/python_laws.md says what a law may contain") -> NoReturn:
-    """Raises Refused: this law cannot be used."""
+    """Raises Refused with the reason."""
     raise Refused("law_refused", f"{place}: {why}", next_step)
 
 
 @dataclass
 class Function:
-    """A function of a law as it is written: the law itself, or one that it calls."""
+    """The source of a function of a law: the law itself, or one that it calls."""
 
     name: str
     file: str
-    tree: ast.FunctionDef  # with the lines of the file
+    tree: ast.FunctionDef  # line numbers are those of the file
     names: dict[str, Any] = field(default_factory=dict)  # what it uses from outside; functions are in `calls`
     calls: dict[str, Function] = field(default_factory=dict)
     constants: dict[str, Any] = field(default_factory=dict)  # by their names in the source: "settings.GAIN"
@@ -80,7 +80,7 @@ class Function:
         return f"{self.file}:{getattr(node, 'lineno', self.tree.lineno)}"
 
     def all(self) -> Iterator[Function]:
-        """It and what it calls, those first."""
+        """The functions that it calls, then itself."""
         for called in self.calls.values():
             yield from called.all()
         yield self
@@ -170,7 +170,8 @@ def _check_value(function: Function, node: ast.AST, value: Any, text: str) -> No
         function.place(node),
         f"{text} is {type(value).__name__!r}: a law can use numbers, tuples and arrays of numbers, math, numpy's "
         "functions of numbers, and functions in Python",
-        "make a list a tuple or an array; what changes is a parameter, an input or declared memory",
+        "use a tuple or an array in place of a list; use a parameter, an input or declared memory for values that "
+        "change",
     )
 
 
@@ -187,8 +188,8 @@ def _resolve(function: Function, given: Callable[..., Any], calling: tuple[Calla
         if not isinstance(node, ast.Name):
             continue
         name = node.id
-        if name in _BUILTINS and (name in local or name in outside):  # bounds of loops rely on what it means
-            refuse(function.place(node), f"{name} is a name of Python that means something else here; rename it")
+        if name in _BUILTINS and (name in local or name in outside):  # loop bounds rely on the built-in meaning
+            refuse(function.place(node), f"{name} hides a Python name; rename it")
         if name in local:
             continue
         if name not in outside:
@@ -226,7 +227,7 @@ class _Loops:
     def __init__(self, function: Function) -> None:
         self.function = function
         self.seen: set[ast.AST] = set()  # the names range, enumerate and zip of loops that were checked
-        self.sources: dict[str, list[ast.expr | None]] = {}  # of each local name: what it is set to; None: anything
+        self.sources: dict[str, list[ast.expr | None]] = {}  # expressions assigned to each local name; None: any
         for node in ast.walk(function.tree):
             if isinstance(node, ast.Assign):
                 for target in node.targets:
@@ -308,7 +309,7 @@ class _Loops:
             return isinstance(node.value, ast.Name) and isinstance(self._constant(node), (int, np.integer))
         if isinstance(node, ast.Name):
             if node.id in within:
-                return False  # it depends on itself
+                return False  # depends on itself
             if node.id in self.sources:
                 sources = self.sources[node.id]
                 return all(s is not None and self.bounded(s, within | {node.id}) for s in sources)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import xarray
 
 Values = NDArray[Any]
-_TOPICS = ("state", "command", "wrench", "model")  # in which a short name is looked for, in this order
+_TOPICS = ("state", "command", "wrench", "report", "model")  # in which a short name is looked for, in this order
 
 
 def _archive_of(log: pathlib.Path) -> pathlib.Path:

@@ -6,7 +6,7 @@ import html
 import sys
 from collections.abc import Callable
 
-from .client import Client
+from .base_client import BaseClient
 from .state import RunState
 
 _COLUMNS = ("arm", "controllet", "position [m]", "joint angles [rad]", "state")
@@ -52,7 +52,7 @@ def _notebook_view() -> Callable[[str], None] | None:
     return lambda page: handle.update(HTML(page))  # type: ignore[no-untyped-call, unused-ignore]
 
 
-def live_table(client: Client, seconds: float = 10, rate_hz: float = 5) -> None:
+def live_table(client: BaseClient, seconds: float = 10, rate_hz: float = 5) -> None:
     """Shows the arms in a notebook or a terminal, until the cell is interrupted. The loop does not notice.
 
     Args:

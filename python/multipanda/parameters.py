@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from .controllet import Controllet, Feature
-
 Value = float | bool | str | NDArray[np.float64]
+
+
+class Owner(Protocol):
+    """A controllet, or one of its features."""
+
+    name: str
+
+    def describe(self) -> dict[str, Any]:
+        """As Controllet.describe()."""
+
+    def set(self, parameter: str, value: Any) -> None:
+        """As Controllet.set()."""
 
 
 class Parameter:
@@ -63,7 +72,7 @@ class Parameter:
         each = f", {numbers}, or one for all" if numbers else ""
         return f"{self.doc} {bounds}{each}."
 
-    def __get__(self, owner: Controllet | Feature | None, kind: type | None = None) -> Any:
+    def __get__(self, owner: Owner | None, kind: type | None = None) -> Any:
         if owner is None:
             return self
         for entry in owner.describe()["parameters"]:
@@ -81,7 +90,7 @@ class Parameter:
         numbers = np.array(value, dtype=np.float64)
         return float(numbers[0]) if self.count == 1 else numbers
 
-    def __set__(self, owner: Controllet | Feature, value: Any) -> None:
+    def __set__(self, owner: Owner, value: Any) -> None:
         owner.set(self.name, value)
 
     def sent(self, value: Any) -> Any:

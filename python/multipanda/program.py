@@ -14,7 +14,7 @@ from ._version import __version__
 from .errors import Error, ProgramMissing, Refused, VersionMismatch
 
 _HERE = pathlib.Path(__file__).resolve().parent
-_versions: dict[str, str] = {}  # of programs that were asked
+_versions: dict[str, str] = {}  # versions of programs, by path
 
 
 def program_path() -> str:

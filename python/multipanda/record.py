@@ -4,33 +4,23 @@ from __future__ import annotations
 
 import difflib
 import time
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .state import ArmState, Array, GripperState, Pose, RunState
+from .pose import Pose
+from .rotations import Array
+from .state import ArmState, GripperState, RunState
 
-
-class _ArmPlaces:
-    """Where the numbers of one arm are in a row."""
-
-    def __init__(self, name: str, places: dict[str, tuple[str, slice]]) -> None:
-        def at(field: str) -> int:
-            return int(places[f"{name}/{field}"][1].start)
-
-        def part(field: str) -> slice:
-            return places[f"{name}/{field}"][1]
-
-        self.name = name
-        self.mode, self.errors, self.owner, self.stopped = at("mode"), at("errors"), at("owner"), at("stopped")
-        self.interventions, self.last_intervention = at("interventions"), at("last_intervention")
-        self.age, self.has_gripper, self.width = at("age_s"), at("has_gripper"), at("gripper_width_m")
-        self.max_width = at("gripper_max_width_m")
-        self.grasped, self.moving = at("gripper_grasped"), at("gripper_moving")
-        self.position, self.quaternion, self.wrench = part("position_m"), part("quaternion_wxyz"), part("wrench_n_nm")
-        self.q, self.dq = part("q_rad"), part("dq_rad_per_s")
-        self.tau_j, self.tau_cmd = part("tau_J_nm"), part("tau_cmd_nm")
+# What an ArmState has by name.
+_INTEGERS = (
+    *("mode", "errors", "owner", "stopped", "interventions", "last_intervention", "removed_by"),
+    *("has_gripper", "gripper_grasped", "gripper_moving"),
+)
+_FLOATS = ("age_s", "gripper_width_m", "gripper_max_width_m")
+_LISTS = ("q_rad", "dq_rad_per_s", "tau_J_nm", "tau_cmd_nm", "position_m", "quaternion_wxyz", "wrench_n_nm")
 
 
 class Layout:
@@ -45,7 +35,15 @@ class Layout:
         self.modes: list[str] = table["modes"]
         self.errors: list[str] = table["errors"]
         self.interventions: list[str] = table["interventions"]
-        self.arms = {arm["name"]: _ArmPlaces(arm["name"], self.fields) for arm in table["arms"]}
+        self.known_by: dict[str, str] = table["known_by"]  # quantities of arms, and what says that they are reported
+        # Words of the quantities of each arm, and of those in an ArmState.
+        self.arms: dict[str, dict[str, slice]] = {}
+        self.in_state: dict[str, tuple[list[int], list[int], list[slice]]] = {}
+        for arm in (arm["name"] for arm in table["arms"]):
+            names = (name.removeprefix(f"{arm}/") for name in self.fields if name.startswith(f"{arm}/"))
+            at = self.arms[arm] = {name: self.fields[f"{arm}/{name}"][1] for name in names}
+            starts = [[at[name].start for name in names] for names in (_INTEGERS, _FLOATS)]
+            self.in_state[arm] = starts[0], starts[1], [at[name] for name in _LISTS]
         words = ("cycle", "t_ns", "start_ns", "overruns", "total_ns")
         self.cycle, self.t_ns, self.start_ns, self.overruns, self.total_ns = (
             int(self.fields[word][1].start) for word in words
@@ -61,6 +59,37 @@ class Layout:
     def error_names(self, bits: int) -> tuple[str, ...]:
         """The flags that are set."""
         return tuple(name for bit, name in enumerate(self.errors) if bits >> bit & 1)
+
+
+class _Quantities(Mapping[str, Array]):
+    """What an arm reports in a record."""
+
+    __slots__ = ("_arm", "_layout", "_row")
+
+    def __init__(self, layout: Layout, row: NDArray[np.int64], arm: str) -> None:
+        self._layout, self._row, self._arm = layout, row, arm
+
+    def _values(self, name: str) -> Array | None:
+        kind, words = self._layout.place(f"{self._arm}/{name}")
+        values = self._row[words].view(kind).astype(np.float64)
+        flag = self._layout.known_by.get(name)
+        if flag is None:
+            return values
+        at = self._layout.arms[self._arm].get(flag)
+        known = not np.isnan(values).all() if at is None else self._row.item(at.start) != 0
+        return values if known else None
+
+    def __getitem__(self, name: str) -> Array:
+        values = self._values(name)
+        if values is None:
+            raise KeyError(f"the arm does not report {name}")
+        return values
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name in self._layout.arms[self._arm] if self._values(name) is not None)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
 
 
 class Record:
@@ -107,44 +136,43 @@ class Record:
     def errors(self, arm: str | None = None) -> bool:
         """Whether an arm, or any, has stopped itself."""
         arms = self._layout.arms
-        if arm is not None:
-            return self._row.item(arms[arm].errors) != 0
-        return any(self._row.item(places.errors) != 0 for places in arms.values())
+        names = arms if arm is None else (arm,)
+        return any(self._row.item(arms[name]["errors"].start) != 0 for name in names)
 
     def arm(self, name: str) -> ArmState:
         """One arm. Its `reason` has only the names of its errors; the whole sentence is in run.state() and events."""
         row, floats, layout = self._row, self._floats, self._layout
-        at = layout.arms[name]
-        errors = layout.error_names(row.item(at.errors)) if row.item(at.errors) else ()
-        gripper = None
-        if row.item(at.has_gripper):
-            gripper = GripperState(
-                floats.item(at.width), floats.item(at.max_width), bool(row.item(at.grasped)), bool(row.item(at.moving))
-            )
-        owner = row.item(at.owner)
-        wrench = floats[at.wrench]
+        integers, numbers, lists = layout.in_state[name]
+        mode, bits, owner, stopped, interventions, last_intervention, removed_by, has_gripper, grasped, moving = map(
+            row.item, integers
+        )
+        age_s, width, max_width = map(floats.item, numbers)
+        q, dq, tau_j, tau_cmd, position, quaternion, wrench = map(floats.__getitem__, lists)
+        errors = layout.error_names(bits) if bits else ()
         return ArmState(
             name,
             1e-9 * row.item(layout.t_ns),
             layout.controllets[owner] if owner < len(layout.controllets) else "",
-            layout.modes[row.item(at.mode)],
-            bool(row.item(at.stopped)),
-            floats[at.q],
-            floats[at.dq],
-            floats[at.tau_j],
-            floats[at.tau_cmd],
-            Pose(floats[at.position], floats[at.quaternion]),
+            layout.modes[mode],
+            bool(stopped),
+            q,
+            dq,
+            tau_j,
+            tau_cmd,
+            Pose.measured(position, quaternion),
             None if wrench.item(0) != wrench.item(0) else wrench,
-            floats.item(at.age),
+            age_s,
             errors,
             ", ".join(errors),
-            row.item(at.interventions),
-            layout.interventions[row.item(at.last_intervention)],
-            gripper,
+            interventions,
+            layout.interventions[last_intervention],
+            layout.interventions[removed_by],
+            GripperState(width, max_width, bool(grasped), bool(moving)) if has_gripper else None,
+            _Quantities(layout, row, name),
         )
 
     def state(self, rate_hz: float = float("nan")) -> RunState:
-        """All arms. rate_hz: of the run, which a single record does not know."""
+        """All arms. rate_hz: of the run, since a single record does not contain it."""
         row, layout = self._row, self._layout
         return RunState(
             layout.scene,

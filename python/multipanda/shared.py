@@ -1,6 +1,6 @@
 """The newest records and events of a run, in memory that its program writes and this process only reads.
 
-The layout is in docs/shared_records.md. A record has a number that is odd while it is written and changes when it is
+The layout is in docs/live_input.md. A record has a number that is odd while it is written and changes when it is
 overwritten, so a copy between two equal, even numbers is whole.
 """
 
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .connection import Json, accepted
-from .errors import Disconnected, VersionMismatch
+from .errors import Disconnected, Refused, VersionMismatch
 from .record import Layout, Record
 
 _HEADER_BYTES = 96
@@ -69,6 +69,10 @@ class SharedRecords:
             self._socket.connect(str(path))
             answer, files = _ask(self._socket)
             accepted(answer)
+            if not files:
+                raise Refused(
+                    "not_local", "the run's memory is not on this computer", "state() asks the run; record() cannot"
+                )
             self._map(files[0], int(answer["bytes"]), str(answer["hash"]))
         except BaseException as wrong:
             self._socket.close()
@@ -88,13 +92,16 @@ class SharedRecords:
         # Memory that could shrink would end this process by SIGBUS.
         if not fcntl.fcntl(file, _GET_SEALS) & _SEAL_SHRINK or os.fstat(file).st_size != count:
             raise VersionMismatch("the run's records are not sealed memory", "build program and package together")
-        memory = mmap.mmap(file, count, mmap.MAP_SHARED, mmap.PROT_READ)
+        self._read_table(mmap.mmap(file, count, mmap.MAP_SHARED, mmap.PROT_READ), expected)
+
+    def _read_table(self, memory: mmap.mmap | bytearray, expected: str) -> None:
         self._head: NDArray[np.uint64] = np.ndarray(_HEADER_BYTES // 8, "<u8", memory)
-        text = memory[_HEADER_BYTES : _HEADER_BYTES + int(self._head[_TABLE_BYTES])]
+        text = bytes(memory[_HEADER_BYTES : _HEADER_BYTES + int(self._head[_TABLE_BYTES])])
         found = _fnv1a(text)
         if memory[:8] != _MAGIC or found != int(self._head[_TABLE_HASH]) or f"{found:016x}" != expected:
             raise VersionMismatch("the run's records have another layout", "build program and package together")
-        table: dict[str, Any] = json.loads(text)
+        self._table: dict[str, Any] = json.loads(text)
+        table = self._table
         self.layout = Layout(table)
         self.capacity: int = table["records"]
         self.event_capacity: int = table["events"]
@@ -124,7 +131,7 @@ class SharedRecords:
         if self._ended or os.getpid() != self._process:
             return True
         try:
-            gone = self._socket.recv(1, socket.MSG_PEEK) == b""
+            gone = self._socket.recv(4096) == b""
         except BlockingIOError:
             return False
         except OSError:
@@ -146,7 +153,7 @@ class SharedRecords:
         """A copy of the newest record; None before the first cycle."""
         while (written := self.written) > 0:
             record = self.read(written - 1)
-            if record is not None:  # else this thread stood still for as long as the memory is deep
+            if record is not None:  # None: the ring wrapped while this thread was suspended
                 return record
         return None
 

@@ -9,24 +9,23 @@ import select
 import struct
 import time
 from collections.abc import Callable
-from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from .controllet import Controllet
 from .errors import Disconnected, Refused
 from .jog import JogLimits, axes_rotation, jogged, shaped
-from .state import ArmState, Array, Pose
-
-if TYPE_CHECKING:
-    from .controllet import Controllet
-    from .stream import Stream
+from .pose import Pose
+from .rotations import Array
+from .state import ArmState
+from .stream import Stream
 
 _FULL_SCALE = 350
-_HOLD_BUTTON, _STOP_BUTTON = 1, 2
-_SILENCE_S = 0.15  # of a deflected cap, which reports all the time: the device is gone
-_BLIND_S = 0.4  # without reading: Linux keeps 64 reports, half a second of them, and then drops the newest
-_REST_S = 10.0  # of a cap at rest, which says nothing: it may have been let go meanwhile
+_HOLD_BUTTON, STOP_BUTTON = 1, 2
+_SILENCE_S = 0.15  # a deflected cap reports all the time: longer silence means that the device is gone
+_BLIND_S = 0.4  # longest gap between two reads: Linux keeps half a second of reports, then drops the newest
+_REST_S = 10.0  # a cap at rest sends nothing, so a hold ends after this time
 _OWN_VENDOR, _FORMER_VENDOR = 0x256F, 0x046D
 _MULTI_AXIS = bytes([0x05, 0x01, 0x09, 0x08])  # how its report descriptor begins
 _RULE = 'KERNEL=="hidraw*", ATTRS{idVendor}=="256f", TAG+="uaccess"'
@@ -56,6 +55,7 @@ class Grip:
         """`buttons`: those that are down already; they hold nothing."""
         self.cap_holds, self.held = cap_holds, False
         self._gripped, self._deflected, self._heard_s = bool(buttons & _HOLD_BUTTON), False, 0.0
+        self._looked_s = time.monotonic()
 
     def lose(self) -> None:
         """Nobody read the device for a while: what is down now must be let go first."""
@@ -70,6 +70,39 @@ class Grip:
     def look(self, now_s: float) -> None:
         if now_s - self._heard_s > (_SILENCE_S if self._deflected else _REST_S):
             self.held = False
+
+    def read(self, mouse: SpaceMouse, timeout_s: float = 0) -> int:
+        """Takes all reports that wait, waiting for the first one: a release may be the last of many.
+
+        Returns the bits of the buttons that were pressed; the one that stops ends the hold.
+        """
+        blind = time.monotonic() - self._looked_s > _BLIND_S
+        pressed, before = 0, mouse.buttons
+        while mouse.read(timeout_s):
+            timeout_s = 0
+            if mouse._spoke:
+                self.take(shaped(mouse.deflection), mouse.buttons, time.monotonic())
+                pressed |= mouse.buttons & ~before
+                before = mouse.buttons
+        if pressed & STOP_BUTTON:
+            self.held = False
+        if blind:  # the report of a release may be among those that Linux dropped
+            self.lose()
+        self._looked_s = time.monotonic()
+        self.look(self._looked_s)
+        return pressed
+
+    def settle(self, mouse: SpaceMouse) -> int:
+        """Forgets reports that nobody has read: they are old, and move nothing. Returns the bits of pressed buttons."""
+        pressed = self.read(mouse)
+        mouse.deflection = np.zeros(6)
+        until = time.monotonic() + _SILENCE_S
+        while (rest := until - time.monotonic()) > 0:  # a deflected cap reports all the time
+            pressed |= self.read(mouse, rest)
+        self.lose()
+        if not mouse.buttons & _HOLD_BUTTON and not np.any(shaped(mouse.deflection)):
+            self.take(np.zeros(6), mouse.buttons, time.monotonic())
+        return pressed
 
 
 class SpaceMouse:
@@ -187,14 +220,7 @@ class SpaceMouse:
             raise ValueError(f"rate_hz: expected 20 to 200 Hz, found {rate_hz}")
         led = _Jog(controllet, name, axes, limits or JogLimits(), say)
         grip = Grip(cap_holds, self.buttons)
-        led.look_up(self, grip)  # reports that nobody has read are old: they stop, and move nothing
-        self.deflection = np.zeros(6)
-        until = time.monotonic() + _SILENCE_S
-        while (rest := until - time.monotonic()) > 0:  # a deflected cap reports all the time
-            led.look_up(self, grip, rest)
-        grip.lose()
-        if not self.buttons & _HOLD_BUTTON and not np.any(shaped(self.deflection)):
-            grip.take(np.zeros(6), self.buttons, time.monotonic())
+        led.stop_if(grip.settle(self))
         led.run(self, grip, 1 / rate_hz, seconds)
 
     def close(self) -> None:
@@ -206,9 +232,7 @@ class SpaceMouse:
     def __enter__(self) -> SpaceMouse:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *left: object) -> None:
         self.close()
 
 
@@ -217,6 +241,16 @@ def _axes(data: bytes) -> Array:
     # the same way.
     x, y, z = struct.unpack("<3h", data[:6])
     return np.clip(np.array([x, -y, -z]) / _FULL_SCALE, -1, 1)
+
+
+def led_by(
+    mouse: SpaceMouse, target: Pose, state: ArmState, base: Pose, axes: str, step_s: float, limits: JogLimits
+) -> Pose:
+    """The target of a hand after a step [s] in which it is led; axes and base as in axes_rotation()."""
+    rotation, deflection = axes_rotation(axes, base, state.pose), shaped(mouse.deflection)
+    twist = np.concatenate([rotation @ deflection[:3], rotation @ deflection[3:]])
+    force = np.zeros(3) if state.wrench_n_nm is None else state.wrench_n_nm[:3]
+    return jogged(target, twist, step_s, state.pose, force, limits)
 
 
 class _Jog:
@@ -231,37 +265,23 @@ class _Jog:
         if len(controllet.arms) != 1:
             raise ValueError(f"{controllet.name} moves {', '.join(controllet.arms)}: the device leads one hand")
         self.law, self.name, self.axes, self.limits, self.say = controllet, name, axes, limits, say
-        self.arm = controllet.client.arms[controllet.arms[0]]
-        self.base = self.arm.base if axes == "base" else Pose(np.zeros(3), np.array([1.0, 0, 0, 0]))
+        self.client, self.arm = controllet.client, controllet.arms[0]
+        self.base = self.client.base(self.arm) if axes == "base" else Pose.at()
         self.stream: Stream | None = None
         self.target: Pose | None = None
-        self.stepped_s = 0.0
+        self.begun_s = self.stepped_s = 0.0
 
-    def look_up(self, mouse: SpaceMouse, grip: Grip, timeout_s: float = 0) -> None:
-        """Takes all reports that wait, waiting for the first one: a release may be the last of many."""
-        before = mouse.buttons
-        while mouse.read(timeout_s):
-            timeout_s = 0
-            if not mouse._spoke:
-                continue
-            grip.take(shaped(mouse.deflection), mouse.buttons, time.monotonic())
-            if mouse.buttons & ~before & _STOP_BUTTON:
-                grip.held = False
-                self.law.client.stop()
-            before = mouse.buttons
+    def stop_if(self, pressed: int) -> None:
+        if pressed & STOP_BUTTON:
+            self.client.stop()
 
     def run(self, mouse: SpaceMouse, grip: Grip, period_s: float, seconds: float | None) -> None:
-        now = due = looked = time.monotonic()
+        now = due = time.monotonic()
         end = None if seconds is None else now + seconds
         try:
             while end is None or now < end:
-                blind = time.monotonic() - looked
-                self.look_up(mouse, grip, due - now)
-                if blind > _BLIND_S:
-                    # The device may have dropped the report of a release, of those that nobody read.
-                    grip.lose()
-                now = looked = time.monotonic()
-                grip.look(now)
+                self.stop_if(grip.read(mouse, due - now))
+                now = time.monotonic()
                 if not grip.held:
                     self.release()
                 if now < due:
@@ -275,49 +295,43 @@ class _Jog:
     def step(self, mouse: SpaceMouse) -> bool:
         """Sends the next set-point; False: the hold is over."""
         try:
-            state = self.arm.state
+            state = self.client.arm_state(self.arm)
             if self.stream is None:
                 state = self.begin(state)
-                self.stepped_s = state.t_s
+                self.begun_s = self.stepped_s = state.t_s
             elif state.stopped or state.controllet != self.law.name:
-                cause = (
-                    "it is stopped" if state.stopped else state.reason or state.last_intervention or "another switch"
-                )
-                raise Refused("not_active", f"{self.arm.name} is owned by {state.controllet}: {cause}")
+                why = self.client.lost_by(self.law.name, state, self.begun_s)
+                raise Refused("not_active", f"{self.arm} is owned by {state.controllet}: {why}")
             assert self.stream is not None and self.target is not None
-            rotation = axes_rotation(self.axes, self.base, state.pose)
-            deflection = shaped(mouse.deflection)
-            twist = np.concatenate([rotation @ deflection[:3], rotation @ deflection[3:]])
-            force = np.zeros(3) if state.wrench_n_nm is None else state.wrench_n_nm[:3]
             # By the run's clock: a simulation may be slower than this computer's time.
-            self.target = jogged(self.target, twist, state.t_s - self.stepped_s, state.pose, force, self.limits)
-            self.stepped_s = state.t_s
+            step_s, self.stepped_s = state.t_s - self.stepped_s, state.t_s
+            self.target = led_by(mouse, self.target, state, self.base, self.axes, step_s, self.limits)
             self.stream.send(self.target)
             return True
         except Refused as refused:
             self.release()
-            self.say(f"{self.arm.name} is not led: {refused.reason}")
+            self.say(f"{self.arm} is not led: {refused.reason}")
             return False
 
     def begin(self, state: ArmState) -> ArmState:
         if state.stopped:
-            raise Refused("arm_stopped", f"{self.arm.name} is stopped: resume it first")
+            raise Refused("arm_stopped", f"{self.arm} is stopped: resume it first")
         if not state.held:
             return self.open(state)
         self.law.activate()
         try:
-            return self.open(self.arm.state)
+            return self.open(self.client.arm_state(self.arm))
         except BaseException:
-            self.law.client.take_arms_from([self.law.name])
+            self.client.take_arms_from([self.law.name])
             raise
 
     def open(self, state: ArmState) -> ArmState:
         if state.controllet != self.law.name:
-            raise Refused("not_active", f"{self.arm.name} is owned by {state.controllet}: deactivate it first")
+            raise Refused("not_active", f"{self.arm} is owned by {state.controllet}: deactivate it first")
         self.target = state.pose
         with contextlib.suppress(Refused, KeyError):  # a run without shared records
-            # Where the law leads the hand already: a spring that is under tension stays so.
-            led = self.law.client.record()[f"{self.law.name}/{self.name}"]
+            # Begin at the law's present set-point, so that a loaded spring stays loaded.
+            led = self.client.record()[f"{self.law.name}/{self.name}"]
             if np.all(np.isfinite(led)):
                 self.target = Pose.of(led)
         self.stream = self.law.stream(self.name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
 import json
 import os
@@ -12,18 +13,19 @@ import subprocess
 import tempfile
 import time
 import weakref
-from collections.abc import Mapping, Sequence
-from types import TracebackType
+from collections.abc import Callable, Mapping, Sequence
 from typing import IO, Any
 
 from .client import Client
 from .connection import Connection, make_socket_folder
 from .errors import Disconnected, Error, Refused, Timeout, VersionMismatch
 from .law import PlacedLaw, run_words
+from .model import ArmModel, model, settings_words
 from .program import checked_program, last_lines
 
 _NUMBERS = itertools.count(1)
 _EVERY_CYCLE: Mapping[str, int] = {}
+_AS_IN_THE_SCENE: Mapping[str, Any] = {}
 _CHILDREN: weakref.WeakSet[Process] = weakref.WeakSet()
 
 
@@ -36,7 +38,7 @@ class Process:
 
     def __init__(self, words: Sequence[str | os.PathLike[str]]) -> None:
         self.words = [checked_program(), *(os.fspath(word) for word in words)]
-        self._kept: tuple[str, str] | None = None  # of an ended program
+        self._kept: tuple[str, str] | None = None  # output and messages, once the program has ended
         self._out: IO[bytes] = tempfile.TemporaryFile(prefix="multipanda-")
         self._err: IO[bytes] = tempfile.TemporaryFile(prefix="multipanda-")
         # A session of its own: Ctrl-C reaches this process only, which then ends the program in order.
@@ -123,7 +125,7 @@ class Summary(dict[str, Any]):
 
     @property
     def faults(self) -> list[str]:
-        """Why it was no success."""
+        """Why it failed."""
         return list(self.get("faults", []))
 
     @property
@@ -176,15 +178,23 @@ class Run(Client):
         process: The program.
     """
 
-    def __init__(self, process: Process, socket: pathlib.Path, start_timeout_s: float, end_timeout_s: float) -> None:
+    def __init__(
+        self,
+        process: Process,
+        socket: pathlib.Path,
+        start_timeout_s: float,
+        end_timeout_s: float,
+        arm_model: Callable[[str], ArmModel],
+    ) -> None:
         self.process = process
+        self._arm_model = arm_model
         self._socket = socket
         self._end_timeout_s = end_timeout_s
         self.summary: Summary | None = None
         self._owner = os.getpid()
         try:
             super().__init__(self._connect(socket, start_timeout_s))
-            self.state()  # the first cycle
+            self.state()  # waits for the first cycle
         except Disconnected:  # the program says why, for example which arm it could not reach
             self._end_quietly()
             code = self.process.child.poll()
@@ -212,12 +222,16 @@ class Run(Client):
                 )
             time.sleep(0.005)
 
+    def arm_model(self, arm: str) -> ArmModel:
+        """As Arm.model, but of the scene's file alone."""
+        return self._arm_model(arm)
+
     def _end_process(self) -> int:
         try:
             return self.process.end(self._end_timeout_s)
         finally:
             if self.process.child.poll() is not None:
-                for suffix in ("", ".stream", ".lock"):  # left behind only if the program was killed
+                for suffix in ("", ".stream", ".lock"):  # a killed program leaves them behind
                     with contextlib.suppress(FileNotFoundError):
                         os.unlink(f"{self._socket}{suffix}")
 
@@ -275,16 +289,11 @@ class Run(Client):
             super().close()
         self.summary = _summary(self.process, code)
 
-    def __enter__(self) -> Run:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
         if kind is None:
             self.close()
             return
-        try:  # the reason for leaving is the one to see
+        try:  # the user should see the exception that ended the block
             self.close()
         except (Error, ValueError) as also:
             if error is not None and hasattr(error, "add_note"):
@@ -300,10 +309,13 @@ def _words(
     seconds: float | None,
     fast: bool,
     laws: Sequence[PlacedLaw],
+    settings: Mapping[str, Any],
 ) -> list[str]:
     words: list[str] = ["run", os.fspath(scene), "--json", "--until-input-ends"]
     if backend is not None or address:
         words += ["--backend", backend or "fci"]
+    if isinstance(address, str):
+        raise TypeError(f"address: expected addresses by the names of arms, {{'arm': '{address}'}}; found '{address}'")
     for arm, where in (address or {}).items():
         words += ["--address", f"{arm}={where}"]
     if record is not None:
@@ -313,6 +325,8 @@ def _words(
         words += ["--log-every", f"{group}={every}"]
     if seconds is not None:
         words += ["--seconds", f"{seconds:g}"]
+    for setting in settings_words(settings):
+        words += ["--set", setting]
     if fast:
         words.append("--fast")
     return words + run_words(laws)
@@ -328,25 +342,14 @@ def play(
     seconds: float | None = None,
     fast: bool = True,
     laws: Sequence[PlacedLaw] = (),
+    settings: Mapping[str, Any] = _AS_IN_THE_SCENE,
     arguments: Sequence[str] = (),
     end_timeout_s: float = 60,
 ) -> Summary:
     """Plays a scene with its timeline to its end.
 
-    Ctrl-C, every other exception and the death of this process end it in hold. Real arms need fast=False.
-
-    Args:
-        scene: Name of a scene, or path of a scene file.
-        address: The real arms' addresses by name.
-        backend: Whose arms: `mujoco`, `virtual`, `fci`; by default as in the scene.
-        record: Folder in which the log's folder is made.
-        log_every: What the log has of every Nth cycle only, or never (0): {"state": 10, "timing": 0}, or one number
-            for all. Events, switches, interventions and episodes are always whole.
-        seconds: Duration [s]; by default that of the scene.
-        fast: As fast as possible instead of in real time.
-        laws: Laws in Python to add to the scene's controllets: `law.on("left")`.
-        arguments: More options of `multipanda run`.
-        end_timeout_s: How long the program may take to end after an exception [s].
+    Ctrl-C, every other exception and the death of this process end it in hold. The arguments are those of run(), but
+    that it is as fast as possible unless fast=False, as real arms need it.
 
     Returns:
         The summary.
@@ -356,8 +359,9 @@ def play(
         ProgramMissing: The program was not found.
         VersionMismatch: The program is of another version.
         Error: It ended without a summary.
+        TypeError: `address` is not by arm.
     """
-    process = Process([*_words(scene, address, backend, record, log_every, seconds, fast, laws), *arguments])
+    process = Process([*_words(scene, address, backend, record, log_every, seconds, fast, laws, settings), *arguments])
     try:
         code = process.child.wait()
     finally:
@@ -365,6 +369,10 @@ def play(
     if code == 2:
         _raise_start(process, code)
     return _summary(process, code)
+
+
+def _model_of(scene: str | os.PathLike[str], settings: Mapping[str, Any], arm: str) -> ArmModel:
+    return model(scene, arm=arm, settings=settings)
 
 
 def run(
@@ -380,6 +388,7 @@ def run(
     cpu: int | None = None,
     ros: bool = False,
     laws: Sequence[PlacedLaw] = (),
+    settings: Mapping[str, Any] = _AS_IN_THE_SCENE,
     arguments: Sequence[str] = (),
     start_timeout_s: float = 60,
     end_timeout_s: float = 60,
@@ -399,6 +408,7 @@ def run(
         cpu: Core to which the loop is pinned.
         ros: Also serves the ROS 2 interfaces.
         laws: Laws in Python to add to the scene's controllets: `law.on("left")`.
+        settings: Other values of the scene, by key path: {"controllets.cartesian.inputs.pose.timeout_s": 0.5}.
         arguments: More options of `multipanda run`.
         start_timeout_s: How long the program may take until it listens [s].
         end_timeout_s: How long it may take to end in hold [s].
@@ -410,12 +420,13 @@ def run(
         VersionMismatch: The program is of another version.
         Error: It ended at its start; its messages say why.
         ValueError: Options that exclude each other.
+        TypeError: `address` is not by arm.
     """
     if fast and (timeline or seconds is not None):
         raise ValueError(
             "run: with fast=True it could be over before it can be commanded: use mp.play(), or fast alone"
         )
-    words = _words(scene, address, backend, record, log_every, 1e6 if fast else seconds, fast, laws)
+    words = _words(scene, address, backend, record, log_every, 1e6 if fast else seconds, fast, laws, settings)
     if not timeline:
         words.append("--no-timeline")
     if cpu is not None:
@@ -424,4 +435,5 @@ def run(
         words.append("--ros")
     socket = make_socket_folder() / f"python-{os.getpid()}-{next(_NUMBERS)}.sock"
     words += ["--socket", str(socket), *arguments]
-    return Run(Process(words), socket, start_timeout_s, end_timeout_s)
+    of_scene = functools.partial(_model_of, os.path.abspath(scene) if os.path.isfile(scene) else scene, settings)
+    return Run(Process(words), socket, start_timeout_s, end_timeout_s, of_scene)

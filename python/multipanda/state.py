@@ -2,91 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Pose:
-    """A pose.
-
-    Attributes:
-        position_m: x, y, z [m].
-        quaternion_wxyz: Orientation as unit quaternion w, x, y, z.
-    """
-
-    position_m: Array
-    quaternion_wxyz: Array
-
-    @classmethod
-    def of(cls, values: Pose | Any) -> Pose:
-        """From a Pose, seven numbers x y z qw qx qy qz [m], or a homogeneous 4 x 4 matrix.
-
-        Raises:
-            ValueError: It has another shape.
-        """
-        if isinstance(values, Pose):
-            return values
-        array = np.asarray(values, dtype=np.float64)
-        if array.shape == (7,):
-            return cls(array[:3].copy(), array[3:].copy())
-        if array.shape == (4, 4):
-            return cls(array[:3, 3].copy(), _quaternion(array[:3, :3]))
-        raise ValueError(f"expected a Pose, 7 numbers x y z qw qx qy qz, or a 4 x 4 matrix; found shape {array.shape}")
-
-    @property
-    def rotation(self) -> Array:
-        """The 3 x 3 rotation matrix."""
-        w, x, y, z = self.quaternion_wxyz / np.linalg.norm(self.quaternion_wxyz)
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
-
-    @property
-    def matrix(self) -> Array:
-        """The homogeneous 4 x 4 matrix; translation [m]."""
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = self.rotation, self.position_m
-        return matrix
-
-    @property
-    def values(self) -> Array:
-        """Seven numbers: x y z [m], qw qx qy qz."""
-        return np.concatenate([self.position_m, self.quaternion_wxyz])
-
-    def moved(self, x: float = 0, y: float = 0, z: float = 0) -> Pose:
-        """The same orientation, moved along the axes of the frame in which this pose is [m]."""
-        return Pose(self.position_m + np.array([x, y, z], dtype=np.float64), self.quaternion_wxyz)
-
-    def angle_to(self, other: Pose) -> float:
-        """The angle between both orientations [rad]."""
-        a = self.quaternion_wxyz / np.linalg.norm(self.quaternion_wxyz)
-        b = other.quaternion_wxyz / np.linalg.norm(other.quaternion_wxyz)
-        return float(2 * np.arccos(min(1.0, abs(float(a @ b)))))
-
-
-def _quaternion(r: Array) -> Array:
-    """Quaternion of a rotation matrix: the eigenvector of Bar-Itzhack's symmetric matrix, exact for every rotation."""
-    k = np.array(
-        [
-            [r[0, 0] + r[1, 1] + r[2, 2], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]],
-            [r[0, 2] - r[2, 0], r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1]],
-            [r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1]],
-        ]
-    )
-    quaternion = np.linalg.eigh(k)[1][:, -1]
-    signed: Array = quaternion if quaternion[0] >= 0 else -quaternion
-    return signed
+from .pose import Pose
+from .rotations import Array
 
 
 @dataclass(frozen=True)
@@ -110,6 +33,9 @@ class GripperState:
 class ArmState:
     """One arm at one cycle. Names and signs: CONVENTIONS.md.
 
+    state["joint_collision"] is any quantity of docs/live_input.md as an array; KeyError if the arm does not report
+    it.
+
     Attributes:
         arm: Name of the arm.
         t_s: Loop time [s].
@@ -121,14 +47,16 @@ class ArmState:
         tau_J_nm: Measured joint torques [N m], with gravity.
         tau_cmd_nm: Commanded joint torques [N m], without gravity.
         pose: Pose of the end effector in the world [m].
-        wrench_n_nm: Estimated force [N] and moment [N m] that the arm exerts on its environment, in world axes; None if
-            nothing estimates it.
+        wrench_n_nm: Estimated force [N] and moment [N m] that the arm exerts on its environment, about K, in world
+            axes; None if nothing estimates it.
         age_s: Age of this state when the loop used it [s].
         errors: Names of the arm's errors.
         reason: Why the arm stopped itself; empty if it did not.
         interventions: Cycles in which the safety stage changed a command, so far.
         last_intervention: Rule of the newest one.
+        removed_by: Rule that took the arm from its last controllet; empty: it has one, or a request took it.
         gripper: State of its gripper; None without one.
+        quantities: All that the arm reports, by name.
     """
 
     arm: str
@@ -147,7 +75,12 @@ class ArmState:
     reason: str
     interventions: int
     last_intervention: str
+    removed_by: str
     gripper: GripperState | None
+    quantities: Mapping[str, Array] = field(default_factory=dict, repr=False, compare=False)
+
+    def __getitem__(self, name: str) -> Array:
+        return self.quantities[name]
 
     @property
     def held(self) -> bool:
@@ -180,6 +113,14 @@ class RunState:
     arms: dict[str, ArmState]
 
 
+def _quantities(data: dict[str, Any]) -> dict[str, Array]:
+    """Converts the numbers of an answer."""
+    named = {name: value for name, value in data.items() if isinstance(value, (int, float, list)) and value != []}
+    named |= {f"gripper_{name}": value for name, value in data.get("gripper", {}).items()}
+    named.pop("error_names", None)
+    return {name: np.atleast_1d(np.array(value, dtype=np.float64)) for name, value in named.items()}
+
+
 def _arm_state(data: dict[str, Any], t_s: float) -> ArmState:
     def array(key: str) -> Array:
         return np.array(data[key], dtype=np.float64)
@@ -195,14 +136,18 @@ def _arm_state(data: dict[str, Any], t_s: float) -> ArmState:
         dq_rad_per_s=array("dq_rad_per_s"),
         tau_J_nm=array("tau_J_nm"),
         tau_cmd_nm=array("tau_cmd_nm"),
-        pose=Pose(array("position_m"), array("quaternion_wxyz")),
+        pose=Pose.measured(array("position_m"), array("quaternion_wxyz")),
         wrench_n_nm=array("wrench_n_nm") if "wrench_n_nm" in data else None,
         age_s=data["age_s"],
         errors=tuple(data["error_names"]),
         reason=data.get("reason", ""),
         interventions=data["interventions"],
         last_intervention=data["last_intervention"],
-        gripper=GripperState(**gripper) if gripper else None,
+        removed_by=data["removed_by"],
+        gripper=GripperState(*(gripper[key] for key in ("width_m", "max_width_m", "grasped", "moving")))
+        if gripper
+        else None,
+        quantities=_quantities(data),
     )
 
 

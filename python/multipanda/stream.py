@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import struct
 import time
-from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .errors import Disconnected, Refused
-from .state import Pose
-
-if TYPE_CHECKING:
-    from .controllet import Controllet
+from .errors import Disconnected, Error, Refused
+from .instance import Instance
+from .pose import Pose
 
 _HEADER = struct.Struct("<4sHHIIQq")
 
@@ -50,7 +48,7 @@ class Stream:
         longest_chunk: How many samples may be sent with their times at once.
     """
 
-    def __init__(self, controllet: Controllet, name: str, frame: str | None) -> None:
+    def __init__(self, controllet: Instance, name: str, frame: str | None) -> None:
         spec = controllet.input(name)
         self.controllet, self.name = controllet, name
         self.quantity: str = spec["quantity"]
@@ -65,16 +63,21 @@ class Stream:
         self.longest_chunk: int = answer["longest_chunk"]
         self._verdict = "accepted"
         self._connection.listen("channel", self.channel, self._hear)
-        self._socket: socket.socket | None = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket: socket.socket | None = None
         self._process = os.getpid()
         try:
-            self._socket.connect(answer["path"])
+            self._socket = self._connection.samples(self.timeout_s)
         except OSError as wrong:
-            self.close()
-            raise Disconnected(f"the run has ended ({wrong})", "start the scene again") from None
+            self._connection.forget("channel", self.channel)
+            self._connection.ask({"do": "stream_end", "channel": self.channel}, 5)  # raises if the run has ended
+            raise Refused(
+                "not_local",
+                f"there is no stream socket beside {self._connection.path} ({wrong.strerror})",
+                'a forwarded socket takes goals only; mp.connect("ssh://USER@HOST/RUN") takes streams, too',
+            ) from None
         self._socket.setblocking(False)
         self._sequence = 0
-        self.unsent = 0  # samples for which there was no room: the next one is newer
+        self.unsent = 0  # samples dropped because the socket was full; the next one is newer anyway
 
     def _hear(self, line: dict[str, Any]) -> None:
         self._verdict = str(line["stream"]["verdict"])
@@ -97,7 +100,8 @@ class Stream:
             False if there was no room, and what was sent is dropped.
 
         Raises:
-            Refused: The loop has refused a sample, for instance because the arm is held after a silence.
+            Refused: The loop has refused a sample, for instance because the arm is held after a silence. This asks the
+                run why.
             Disconnected: The run has ended, the stream is closed, or this process was forked.
             ValueError: A sample has another size, or a number that is not finite; times do not increase or are too far
                 apart; too many samples.
@@ -106,7 +110,7 @@ class Stream:
             raise Disconnected("this stream is closed", "open it again: controllet.stream(...)")
         if self._verdict != "accepted":
             verdict, self._verdict = self._verdict, "accepted"
-            raise Refused(verdict, f"{self.controllet.name}.{self.name}: a sample was refused: {verdict}")
+            raise Refused(verdict, f"{self.controllet.name}.{self.name}: a sample was refused: {self._why(verdict)}")
         if at is None:
             version, samples = 1, 0
             numbers = target_values(self.quantity, values, self.count)
@@ -125,8 +129,33 @@ class Stream:
             self.unsent += 1
             return False
         except OSError as wrong:
+            self._connection.check()
             raise Disconnected(f"the run has ended ({wrong})", "start the scene again") from None
         return True
+
+    def follow(self, actions: Any, dt_s: float, since_s: float | None = None) -> bool:
+        """Sends a policy's next actions as a chunk: send() with `at`, whose errors it raises.
+
+        Args:
+            actions: Samples as for send(), one per row.
+            dt_s: Time between them [s].
+            since_s: `t_s` of the state from which they were computed: the first one is due dt_s later, and those whose
+                time has passed meanwhile are not used. By default now.
+
+        Returns:
+            False if there was no room, and what was sent is dropped.
+        """
+        if since_s is None:
+            record = self.controllet.client.record()
+            since_s = record.t_s + record.age_s
+        return self.send(actions, at=since_s + dt_s * np.arange(1, len(actions) + 1))
+
+    def _why(self, verdict: str) -> str:
+        law, client = self.controllet, self.controllet.client
+        if verdict == "not_active":
+            with contextlib.suppress(Error):  # the loop stands still, or has ended
+                return client.loss(law.name, law.arms, client.state()) or verdict
+        return verdict
 
     def _times(self, at: Any, count: int) -> list[float]:
         times = np.atleast_1d(np.asarray(at, dtype=np.float64))
@@ -178,7 +207,5 @@ class Stream:
     def __enter__(self) -> Stream:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *left: object) -> None:
         self.close()

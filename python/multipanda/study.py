@@ -21,9 +21,9 @@ from .study_worker import _Program
 
 Json = dict[str, Any]
 Path = str | os.PathLike[str]
-_BATCH_S = 2.0  # a batch takes about so long [s]
+_BATCH_S = 2.0  # intended duration of a batch [s]
 _LARGEST_BATCH = 64
-_ATTEMPTS = 3  # of a run whose worker is lost
+_ATTEMPTS = 3  # attempts for a run whose worker is lost
 
 
 @dataclass(frozen=True)
@@ -75,21 +75,21 @@ class _Study:
         probe.end()
         self.runs = list(plan.runs(self.program))
         self.waiting: collections.deque[StudyRun] = collections.deque()
-        self.in_flight: dict[Any, tuple[list[StudyRun], int]] = {}  # with the executor's generation
+        self.in_flight: dict[Any, tuple[list[StudyRun], int]] = {}  # runs, and the executor's generation
         self.lost: collections.Counter[str] = collections.Counter()
         self.errors: dict[str, str] = {}
-        self.busy_s = 0.0  # in runs, by the workers' clocks
+        self.busy_s = 0.0  # time spent in runs, by the workers' clocks
         self.made = 0
         self.begun = self.said = time.monotonic()
 
     def look(self) -> int:
-        """Finds out what is done already; how many."""
+        """Finds the results that exist already; returns how many."""
         self.waiting.extend(run for run in self.runs if self.store.load(run, self.program) is None)
         return len(self.runs) - len(self.waiting)
 
     def _batch_size(self) -> int:
         if self.store.machine is None:
-            return 1  # the first run goes ahead: it fixes the machine
+            return 1  # the first run goes alone, because its result fixes the machine
         if self.batch:
             return self.batch
         if self.engine.share:
@@ -101,7 +101,7 @@ class _Study:
     def _give(self) -> None:
         single = self.store.machine is None
         while self.waiting and len(self.in_flight) < (1 if single else self.engine.slots):
-            # A run whose worker was lost goes alone, so that it cannot take others with it.
+            # A run whose worker was lost runs alone, so that it cannot take others down with it.
             count = 1 if self.lost[self.waiting[0].key] else self._batch_size()
             batch = [self.waiting.popleft() for _ in range(min(count, len(self.waiting)))]
             self._submit(batch)
@@ -136,7 +136,7 @@ class _Study:
             self.lost[run.key] += 1
             if self.lost[run.key] < _ATTEMPTS:
                 self.waiting.appendleft(run)
-            elif self.store.machine is None:  # nothing has ever run: the others would fail in the same way
+            elif self.store.machine is None:  # no run has succeeded yet: the others would fail in the same way
                 raise Error(f"no worker finishes the study's first run: {why}", "see what its messages say") from why
             else:
                 self.errors[run.key] = f"its worker was lost {_ATTEMPTS} times: {why}"
@@ -175,7 +175,7 @@ class _Study:
                     answer = future.result()
                 except Refused:
                     raise
-                except Exception as why:  # whatever the engine raises for a worker that is gone
+                except Exception as why:  # engines raise different errors for a lost worker
                     self._lose(batch, generation, why)
                 else:
                     self._take(batch, answer)

@@ -134,7 +134,7 @@ class _Slurm(Engine):
     def submit(self, task: Json) -> Any:
         try:
             return _Job(self._jobs.submit(work, task))
-        except Exception as wrong:  # submitit's, with what sbatch has said
+        except Exception as wrong:  # submitit's error contains the messages of sbatch
             said = last_lines(str(wrong), 2)
             raise Error(f"Slurm does not accept a job: {said}", "correct the options of --executor slurm:...") from None
 
@@ -142,7 +142,7 @@ class _Slurm(Engine):
         time.sleep(0.5)
         if time.monotonic() - self._alive_at < 5:
             return
-        # submitit asks Slurm's accounting, which small clusters do not have; the queue knows as well who has died.
+        # submitit asks Slurm's accounting, which small clusters do not have; the queue also shows which jobs have died.
         answer = subprocess.run(["squeue", "--noheader", "--format=%i"], capture_output=True, text=True, check=False)
         self._alive_at = time.monotonic()
         if answer.returncode == 0:

@@ -35,7 +35,7 @@ def _processor() -> Json:
         name, _, value = line.partition(":")
         if name.strip() == "model name":
             model = value.strip()
-        elif name.strip() == "flags":  # they decide which variant of a mathematical function the C library takes
+        elif name.strip() == "flags":  # the C library chooses variants of its mathematical functions by them
             flags = hashlib.sha256(" ".join(sorted(value.split())).encode()).hexdigest()[:16]
         if flags and model != "unknown":
             break
@@ -44,7 +44,11 @@ def _processor() -> Json:
 
 def identity(process: int) -> tuple[Json, Json]:
     """(program, machine) of a running worker process: versions and digests of all that it has mapped."""
-    program = os.path.realpath(checked_program())
+    known = os.path.realpath(checked_program())
+    # The process may have become another program of the same folder, such as multipanda-lab.
+    program = os.path.realpath(f"/proc/{process}/exe") if os.path.exists(f"/proc/{process}/exe") else known
+    if os.path.dirname(program) != os.path.dirname(known):
+        program = known
     mapped = set()
     for line in pathlib.Path(f"/proc/{process}/maps").read_text(encoding="utf-8").splitlines():
         path = line[line.index("/") :] if "/" in line else ""

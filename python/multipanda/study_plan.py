@@ -80,7 +80,7 @@ class Plan:
         self.kind: str = plan["kind"]
         self.axes: list[Json] = plan["axes"]
         self.files: dict[str, str] = {path: file_digest(path) for path in plan["files"]}
-        # Where a file is does not matter, only what it is called and what is in it.
+        # The folder of a file does not matter, only its name and contents.
         named = sorted((pathlib.PurePath(path).name, digest) for path, digest in self.files.items())
         self._shared: Json = {
             "kind": self.kind,
@@ -140,7 +140,7 @@ class Plan:
             return {"command": words}
         if self.kind == "program":
             return {"program": [_filled(word, {**dict(values), "seed": str(seed)}) for word in plan["program"]]}
-        options = dict(values)  # of refine: later choices replace earlier values
+        options = dict(values)  # options of refine; later choices replace earlier values
         words = ["refine", options.pop("refine", plan["base"]), "--hidden", str(seed), "--no-page"]
         for name, value in options.items():
             if value == "false":

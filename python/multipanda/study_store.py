@@ -15,7 +15,7 @@ from .study_plan import StudyRun, canonical, sha256
 
 Json = dict[str, Any]
 
-_own_folders: set[str] = set()  # of studies that this process runs
+_own_folders: set[str] = set()  # folders of the studies that this process runs
 
 
 def sealed(result: Json) -> Json:
@@ -56,7 +56,7 @@ class Store:
         self.any_machine = any_machine
         folder.mkdir(parents=True, exist_ok=True)
         self._take_lock()
-        # Workers that see this folder find the token in it; the others send their results back.
+        # Workers that share this folder find the token in it; the others send their results back.
         token = folder / "token"
         if not token.exists():
             token.write_text(secrets.token_hex(16))
@@ -67,8 +67,8 @@ class Store:
             self.machine = json.loads(self._machine_file.read_text())
 
     def _take_lock(self) -> None:
-        # A lock of POSIX belongs to this process alone: pool workers, which are forked from it, do not keep it when
-        # it is killed. Within one process it excludes nobody, and closing any copy of the file would drop it.
+        # A POSIX lock belongs to this process alone: forked pool workers do not keep it when this process is killed.
+        # It does not exclude other studies of the same process, and closing any copy of the file releases it.
         taken = Refused("in_use", f"a study is running in {self.folder}", "wait for it, or name another folder")
         self._place = os.path.realpath(self.folder)
         if self._place in _own_folders:

@@ -40,7 +40,7 @@ class _Program:
             stdout=subprocess.PIPE,
             stderr=self._said,
             text=True,
-            start_new_session=True,  # Ctrl-C is for the study
+            start_new_session=True,  # Ctrl-C must reach the study only
         )
         assert self.process.stdout is not None
         if not self.process.stdout.readline():  # it says its version once all libraries are mapped
@@ -99,7 +99,7 @@ def end_programs() -> None:
         program.process.kill()
     for command in list(_commands):
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(command.pid, signal.SIGTERM)  # with its children
+            os.killpg(command.pid, signal.SIGTERM)  # ends its children, too
 
 
 def close_programs() -> None:
@@ -137,7 +137,7 @@ def _ended(words: list[str], folder: str) -> tuple[int, str, str]:
     for _ in range(_ATTEMPTS):
         if _ending.is_set():
             break
-        for path in pathlib.Path(folder).iterdir():  # of an attempt before
+        for path in pathlib.Path(folder).iterdir():  # remains of an earlier attempt
             shutil.rmtree(path) if path.is_dir() else path.unlink()
         with subprocess.Popen(
             [*guard, *words],
@@ -146,7 +146,7 @@ def _ended(words: list[str], folder: str) -> tuple[int, str, str]:
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
-            start_new_session=True,  # Ctrl-C is for the study
+            start_new_session=True,  # Ctrl-C must reach the study only
         ) as process:
             _commands.add(process)
             try:
@@ -164,6 +164,12 @@ def _ended(words: list[str], folder: str) -> tuple[int, str, str]:
 def _why(code: int, err: str) -> str:
     said = last_lines(err, 3)
     return (f"died twice, by signal {-code}" if code < 0 else f"ended with code {code}") + (f": {said}" if said else "")
+
+
+def _result(figures: Json, code: int, faults: list[str], begin: float, details: Json) -> Json:
+    whole_s = time.monotonic() - begin
+    cost = {"loop_s": whole_s, "whole_s": whole_s}
+    return {"figures": figures, "success": code == 0, "faults": faults, "cost": cost, "details": details}
 
 
 def _run_program(words: list[str]) -> Json:
@@ -195,14 +201,7 @@ def _run_program(words: list[str]) -> Json:
         return {"error": f"{words[0]}: no test has run; expected one that its filter names and that is not skipped"}
     if code != 0 and not faults:
         faults = [f"exit code {code}: {last_lines(err or out, 3)}"]
-    whole_s = time.monotonic() - begin
-    return {
-        "figures": figures,
-        "success": code == 0,
-        "faults": faults,
-        "cost": {"loop_s": whole_s, "whole_s": whole_s},
-        "details": result,
-    }
+    return _result(figures, code, faults, begin, result)
 
 
 _OF_GOOGLETEST = {"name", "file", "line", "status", "result", "timestamp", "time", "classname", "failures", "skipped"}
@@ -226,7 +225,6 @@ def _run_command(words: list[str]) -> Json:
     begin = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="multipanda-study-") as folder:
         code, out, err = _ended([checked_program(), *words, "--json", "--out", folder], folder)
-    whole_s = time.monotonic() - begin
     try:
         result = json.loads(out)
     except ValueError:
@@ -234,13 +232,7 @@ def _run_command(words: list[str]) -> Json:
     result.pop("machine", None)
     faults = [str(fault) for fault in result.get("problems") or result.get("faults") or []]
     figures = experiment_figures(result) if words[0] == "experiment" else refine_figures(result)
-    return {
-        "figures": figures,
-        "success": code == 0,
-        "faults": faults,
-        "cost": {"loop_s": whole_s, "whole_s": whole_s},
-        "details": result,
-    }
+    return _result(figures, code, faults, begin, result)
 
 
 def experiment_figures(result: Json) -> Json:

@@ -7,7 +7,6 @@ import json
 import os
 import time
 from collections.abc import Mapping
-from types import TracebackType
 from typing import Any
 
 from .errors import Disconnected, Error, Refused, Timeout
@@ -83,9 +82,7 @@ class VirtualArms:
     def __enter__(self) -> VirtualArms:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
         try:
             self.close()
         except Error:

@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from ._core import core
 
 Array = NDArray[np.float64]
-POSE, WRENCH, GRIPPER = 7, 6, 3
+POSE = 7
 
 
 @dataclass(frozen=True)
 class Arm:
     """What there is to know of an arm: read-only views, of shape (n,) for a World and (worlds, n) for a Batch.
+
+    arm["joint_collision"] is any quantity that shared records have of an arm, by its name there.
 
     Attributes:
         joints: How many joints it has.
@@ -30,6 +32,7 @@ class Arm:
         F_K_W_true: The same from the contacts of the simulation.
         gripper: Width between the fingers [m], whether it has grasped, whether it moves.
         held: 1 while the arm is held: no controllet of the scene owns it.
+        quantities: All that there is, by name.
     """
 
     joints: int
@@ -42,6 +45,10 @@ class Arm:
     F_K_W_true: Array
     gripper: Array
     held: Array
+    quantities: Mapping[str, Array]
+
+    def __getitem__(self, name: str) -> Array:
+        return self.quantities[name]
 
 
 def _shown(batch: Any, first: int, size: int, alone: bool) -> Array:
@@ -53,12 +60,18 @@ def _shown(batch: Any, first: int, size: int, alone: bool) -> Array:
 def arms_of(batch: Any, alone: bool) -> dict[str, Arm]:
     """The arms by name; `alone`: of the only world."""
     arms = {}
-    for name, joints, first in batch.arms:
-        views = []
-        for size in (joints, joints, joints, joints, POSE, WRENCH, WRENCH, GRIPPER, 1):
-            views.append(_shown(batch, first, size, alone))
-            first += size
-        arms[name] = Arm(joints, *views)
+    for name, joints, fields in batch.arms:
+        at = {field: _shown(batch, first, size, alone) for field, first, size in fields}
+        same = {field: at[field] for field in ("q_rad", "dq_rad_per_s", "tau_J_nm", "tau_J_d_nm", "X_WE")}
+        arms[name] = Arm(
+            joints=joints,
+            **same,
+            F_K_W_est=at["wrench_n_nm"],
+            F_K_W_true=at["contact_wrench_n_nm"],
+            gripper=at["gripper"],
+            held=at["held"],
+            quantities=at,
+        )
     return arms
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -106,27 +107,29 @@ class Batch:
 
     # --- commands: from the next cycle on; a row of values per world ---
 
-    def _command(self, what: str, names: Sequence[str], values: ArrayLike, mask: Mask | None) -> None:
-        self._batch.command(self._chosen(mask), what, list(names), self._rows(values))
-
-    def _same(self, what: str, names: Sequence[str], values: Sequence[float], mask: Mask | None) -> None:
-        self._command(what, names, np.tile(np.asarray(values, dtype=np.float64), (len(self), 1)), mask)
+    def _command(
+        self, request: str, mask: Mask | None, numbers: Mapping[str, ArrayLike] | None = None, **fields: Any
+    ) -> None:
+        rows = {key: self._rows(of) for key, of in (numbers or {}).items()}
+        self._batch.command(self._chosen(mask), json.dumps({"do": request, **fields}), rows)
 
     def target(self, controllet: str, input_name: str, values: ArrayLike, mask: Mask | None = None) -> None:
         """A sample of a stream of set-points; see `World.target`."""
-        self._command("target", [controllet, input_name], values, mask)
+        self._command("reference", mask, {"values": values}, controllet=controllet, input=input_name, stream=True)
 
     def goal(
         self, controllet: str, input_name: str, values: ArrayLike, duration_s: float = 0, mask: Mask | None = None
     ) -> None:
         """A set-point that is approached smoothly and stays; see `World.goal`."""
-        rows = self._rows(values)
-        rows = np.concatenate([np.full((len(self), 1), duration_s), rows], axis=1)
-        self._command("goal", [controllet, input_name], rows, mask)
+        fields = {"controllet": controllet, "input": input_name, "duration_s": float(duration_s)}
+        self._command("reference", mask, {"values": values}, **fields)
 
-    def parameter(self, controllet: str, name: str, values: ArrayLike, mask: Mask | None = None) -> None:
+    def parameter(self, controllet: str, name: str, values: ArrayLike | str, mask: Mask | None = None) -> None:
         """A parameter's new value; see `World.parameter`."""
-        self._command("parameter", [controllet, name], values, mask)
+        if isinstance(values, str):
+            self._command("parameter", mask, controllet=controllet, name=name, value=values)
+        else:
+            self._command("parameter", mask, {"value": values}, controllet=controllet, name=name)
 
     def switch(
         self,
@@ -137,17 +140,17 @@ class Batch:
         mask: Mask | None = None,
     ) -> None:
         """Switches controllets between two cycles; see `World.switch`."""
-        names = [*activate, *(f"-{name}" for name in deactivate), *(["!"] if only else [])]
-        self._same("switch", names, [], mask)
+        self._command("switch", mask, activate=list(activate), deactivate=list(deactivate), only=only)
 
     def feature(self, controllet: str, feature: str, on: bool, mask: Mask | None = None) -> None:
         """Turns a feature of a controllet on or off."""
-        self._same("feature", [controllet, feature], [float(on)], mask)
+        self._command("feature", mask, controllet=controllet, name=feature, on=bool(on))
 
     def gripper_move(self, arm: str, width_m: ArrayLike, mask: Mask | None = None, speed_m_per_s: float = 0.1) -> None:
         """Moves fingers to a width per world [m]."""
         width = np.asarray(width_m, dtype=np.float64).reshape(-1, 1)
-        self._command("gripper_move", [arm], np.hstack([width, np.full_like(width, speed_m_per_s)]), mask)
+        fields = {"arm": arm, "action": "move", "speed_m_per_s": float(speed_m_per_s)}
+        self._command("gripper", mask, {"width_m": width}, **fields)
 
     def gripper_grasp(
         self,
@@ -161,16 +164,22 @@ class Batch:
         """Grasps something of about this width [m] with a force [N], per world."""
         width = np.asarray(width_m, dtype=np.float64).reshape(-1, 1)
         force = np.asarray(force_n, dtype=np.float64).reshape(-1, 1)
-        rest = (np.full_like(width, speed_m_per_s), force, np.full_like(width, tolerance_m))
-        self._command("gripper_grasp", [arm], np.hstack([width, *rest]), mask)
+        fields = {
+            "arm": arm,
+            "action": "grasp",
+            "speed_m_per_s": float(speed_m_per_s),
+            "tolerance_m": float(tolerance_m),
+        }
+        self._command("gripper", mask, {"width_m": width, "force_n": force}, **fields)
 
     def user_stop(self, arm: str, pressed: bool = True, mask: Mask | None = None) -> None:
         """Presses or releases the stop button of an arm."""
-        self._same("user_stop", [arm], [float(pressed)], mask)
+        self._command("user_stop", mask, arm=arm, pressed=bool(pressed))
 
     def place(self, name: str, poses: ArrayLike, mask: Mask | None = None) -> None:
         """Puts a free object somewhere, at rest: x y z [m], qw qx qy qz per world."""
-        self._command("place", [name], poses, mask)
+        rows = self._rows(poses)
+        self._command("place_object", mask, {"position_m": rows[:, :3], "quaternion_wxyz": rows[:, 3:]}, object=name)
 
     # --- what there is to see ---
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from multipanda.errors import Refused
@@ -13,10 +15,6 @@ from ._core import core
 from ._views import Arm, Array, arms_of, objects_of, start_of
 
 _ALONE = np.ones(1, dtype=np.uint8)
-
-
-def _numbers(values: ArrayLike) -> list[float]:
-    return np.asarray(values, dtype=np.float64).ravel().tolist()  # type: ignore[no-any-return]
 
 
 class World:
@@ -118,10 +116,11 @@ class World:
 
     # --- commands: from the next cycle on ---
 
-    def _tell(self, what: str, names: Sequence[str], values: ArrayLike = ()) -> None:
+    def _tell(self, request: str, numbers: Mapping[str, ArrayLike] | None = None, **fields: Any) -> None:
+        rows = {key: np.ascontiguousarray(of, dtype=np.float64).reshape(1, -1) for key, of in (numbers or {}).items()}
         try:
-            self._batch.tell(0, what, list(names), _numbers(values))
-        except core.CommandRefused as refused:
+            self._batch.tell(json.dumps({"do": request, **fields}), rows)
+        except core.RequestRefused as refused:
             raise Refused("refused", str(refused)) from None
 
     def target(self, controllet: str, input_name: str, values: ArrayLike) -> None:
@@ -136,7 +135,7 @@ class World:
             ValueError: An unknown name, or a wrong size.
             Refused: The controllet is not active, or a value is not finite or out of reach.
         """
-        self._tell("target", [controllet, input_name], values)
+        self._tell("reference", {"values": values}, controllet=controllet, input=input_name, stream=True)
 
     def goal(self, controllet: str, input_name: str, values: ArrayLike, duration_s: float = 0) -> None:
         """A set-point that is approached smoothly and stays.
@@ -151,21 +150,25 @@ class World:
             ValueError: An unknown name, or a wrong size.
             Refused: As for `target`.
         """
-        self._tell("goal", [controllet, input_name], [duration_s, *_numbers(values)])
+        numbers = {"values": values, "duration_s": duration_s}
+        self._tell("reference", numbers, controllet=controllet, input=input_name)
 
-    def parameter(self, controllet: str, name: str, values: ArrayLike) -> None:
+    def parameter(self, controllet: str, name: str, values: ArrayLike | str) -> None:
         """A parameter's new value, in the unit that its name or description has; it is reached within 0.2 s.
 
         Args:
             controllet: The controllet's name.
             name: The parameter; of a feature `feature.name`.
-            values: Its numbers, or one for all of them.
+            values: Its numbers, one for all of them, or the name of a choice.
 
         Raises:
             ValueError: An unknown name, or a wrong size.
             Refused: Out of its bounds.
         """
-        self._tell("parameter", [controllet, name], values)
+        if isinstance(values, str):
+            self._tell("parameter", controllet=controllet, name=name, value=values)
+        else:
+            self._tell("parameter", {"value": values}, controllet=controllet, name=name)
 
     def switch(self, activate: Sequence[str] = (), deactivate: Sequence[str] = (), *, only: bool = False) -> None:
         """Switches controllets between two cycles: all of it, or nothing.
@@ -179,7 +182,7 @@ class World:
             ValueError: An unknown name.
             Refused: Two of them own one arm, or an arm is stopped.
         """
-        self._tell("switch", [*activate, *(f"-{name}" for name in deactivate), *(["!"] if only else [])])
+        self._tell("switch", activate=list(activate), deactivate=list(deactivate), only=only)
 
     def feature(self, controllet: str, feature: str, on: bool) -> None:
         """Turns a feature of a controllet on or off.
@@ -188,33 +191,35 @@ class World:
             ValueError: An unknown name.
             Refused: The feature cannot start.
         """
-        self._tell("feature", [controllet, feature], [float(on)])
+        self._tell("feature", controllet=controllet, name=feature, on=bool(on))
 
     def stop(self, *arms: str) -> None:
-        """Holds these arms from the next cycle on, until `resume`."""
-        self._tell("stop", arms)
+        """Holds these arms from the next cycle on, until `resume`; without names all."""
+        self._tell("stop", arms=arms or "all")
 
     def resume(self, *arms: str) -> None:
-        """Ends a stop; the arms stay in hold until a controllet is activated."""
-        self._tell("resume", arms)
+        """Ends a stop; the arms stay in hold until a controllet is activated. Without names all."""
+        self._tell("resume", arms=arms or "all")
 
     def user_stop(self, arm: str, pressed: bool = True) -> None:
         """Presses or releases the stop button of an arm."""
-        self._tell("user_stop", [arm], [float(pressed)])
+        self._tell("user_stop", arm=arm, pressed=bool(pressed))
 
     def recover(self, arm: str) -> None:
         """Clears an arm's error; it stays in hold."""
-        self._tell("recover", [arm])
+        self._tell("recover", arm=arm)
 
     def gripper_move(self, arm: str, width_m: float, speed_m_per_s: float = 0.1) -> None:
         """Moves the fingers to a width [m]. `gripper_answer` tells how it went."""
-        self._tell("gripper_move", [arm], [width_m, speed_m_per_s])
+        numbers = {"width_m": width_m, "speed_m_per_s": speed_m_per_s}
+        self._tell("gripper", numbers, arm=arm, action="move")
 
     def gripper_grasp(
         self, arm: str, width_m: float, force_n: float, speed_m_per_s: float = 0.1, tolerance_m: float = 0.005
     ) -> None:
         """Grasps something of about this width [m] with a force [N]."""
-        self._tell("gripper_grasp", [arm], [width_m, speed_m_per_s, force_n, tolerance_m])
+        numbers = {"width_m": width_m, "speed_m_per_s": speed_m_per_s, "force_n": force_n, "tolerance_m": tolerance_m}
+        self._tell("gripper", numbers, arm=arm, action="grasp")
 
     def gripper_answer(self, arm: str) -> str:
         """How the arm's newest gripper motion ended: `done`, or why it failed; empty while it moves."""
@@ -223,11 +228,12 @@ class World:
     def place(self, name: str, pose: ArrayLike) -> None:
         """Puts a free object somewhere, at rest: x y z [m], qw qx qy qz. Refused in the next step where it would
         penetrate another."""
-        self._tell("place", [name], pose)
+        numbers = np.asarray(pose, dtype=np.float64)
+        self._tell("place_object", {"position_m": numbers[:3], "quaternion_wxyz": numbers[3:]}, object=name)
 
     def push(self, name: str, force_n: ArrayLike, duration_s: float = 0.2) -> None:
         """Pushes a free object at its center of mass with a force in world axes [N] for a time [s]."""
-        self._tell("push", [name], [*_numbers(force_n), duration_s])
+        self._tell("push_object", {"force_n": force_n, "duration_s": duration_s}, object=name)
 
     # --- save and restore ---
 

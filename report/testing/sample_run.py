@@ -220,7 +220,7 @@ def invent(seconds=20.0, arms=("left", "right"), seed=1, wrench=True):
                 "stopped": stopped,
                 "kept": kept,
                 "arms": list(step),
-                "torque_step_wanted": [v[0] for v in step.values()],
+                "torque_step_computed": [v[0] for v in step.values()],
                 "torque_step": [v[1] for v in step.values()],
             }
         )

@@ -12,7 +12,6 @@
 #include "core/types/tick.hpp"
 #include "core/types/time.hpp"
 #include "ros/adapter/ros_options.hpp"
-#include "runtime/reach.hpp"
 #include "runtime/run_adapter.hpp"
 
 namespace multipanda::ros {
@@ -43,19 +42,19 @@ struct Stamps {
 struct AdapterCounters {
   std::atomic<std::uint64_t> samples_accepted{0}, samples_refused{0};  // messages to inputs
   std::atomic<std::uint64_t> requests{0}, requests_refused{0};         // services and actions
-  // before they reached the publisher's thread
+  // dropped before they reached the publisher's thread
   std::atomic<std::uint64_t> records_dropped{0};
 };
 
-// What every part of the adapter works with. References stay valid for the part's life.
+// Context of every part of the adapter. References stay valid for the part's lifetime.
 struct AdapterContext : RunContext {
   Context* context = nullptr;
   Node* node = nullptr;
   Executor* executor = nullptr;
+  Executor* stops = nullptr;  // of services that only end motions, so that no other callback delays them
   const RosOptions* options = nullptr;
   Stamps stamps;
   AdapterCounters* counters = nullptr;
-  std::shared_ptr<Reach> reach;  // refuses poses that are too far away; none: nothing is refused
   // Diagnostics of all parts. Any thread, once all parts exist.
   std::function<std::vector<Diagnostic>()> diagnostics;
   // Warns the user, at most once a second per `topic`. Any thread but the loop's.
@@ -69,16 +68,16 @@ struct AdapterContext : RunContext {
 };
 
 // A part of the adapter. Its constructor creates its ROS entities. Their callbacks run on the executor's
-// thread, take() on the publisher's thread; a part guards the data that both use. Neither thread ever waits
-// for the loop.
+// thread, take() on the publisher's thread; a part protects data used by both. Neither thread ever waits for
+// the loop.
 class AdapterPart {
  public:
   virtual ~AdapterPart() = default;
-  // Publisher's thread, in order. Receives every record that found room in the adapter's ring: few are
-  // missing, none is repeated.
+  // Publisher's thread, in order. Receives every record that had room in the adapter's ring: few are missing,
+  // none is repeated.
   virtual void take(const CycleRecord&) {}
   virtual void take(const Event&) {}
-  // Loop's thread, between two steps, for data that only the physics world has. No allocation, no lock.
+  // Loop's thread, between two steps, for data available only from the physics world. No allocation, no lock.
   // Called only if needs_loop() returns true, which the adapter asks once before the first step.
   virtual void on_loop(const Tick&, const Backend&) {}
   virtual bool needs_loop() const { return false; }

@@ -247,7 +247,10 @@ TEST_F(Run, StopsUntilResumed) {
   EXPECT_THAT(refused.reason, HasSubstr("resume first"));
   StopArms::Request nobody;
   nobody.arms = {"middle"};
-  EXPECT_EQ(call<StopArms>("stop", nobody).verdict, "unknown_arm");
+  const auto all = call<StopArms>("stop", nobody);
+  EXPECT_TRUE(all.accepted);
+  EXPECT_THAT(all.stopped, ElementsAre("left", "right"));
+  EXPECT_THAT(all.reason, HasSubstr("there is no arm 'middle'"));
   EXPECT_TRUE(call<ResumeArms>("resume", ResumeArms::Request()).accepted);
   EXPECT_TRUE(switch_to({"left_cartesian"}).accepted);
 }

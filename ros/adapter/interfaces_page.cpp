@@ -11,6 +11,7 @@ namespace {
 constexpr const char* kMark = "<!-- tables: `ninja ros_interfaces` writes what follows -->\n";
 
 constexpr const char* kFeatures = "features";
+constexpr const char* kUsualQos = "reliable, newest 10";  // stated in the handwritten part
 
 struct Row {
   std::string group, kind, name, type, qos, rate, doc;
@@ -81,23 +82,72 @@ std::string cell(std::string text) {
   return text.empty() ? " " : text;
 }
 
+// Aliases of this row: rows with the description "As <its name>."
+std::vector<std::string> aliases(const std::vector<Row>& rows, const std::string& name) {
+  std::vector<std::string> out;
+  for (const auto& row : rows)
+    if (row.doc == "As " + name + ".") out.push_back(row.name);
+  return out;
+}
+
+bool is_alias(const std::vector<Row>& rows, const Row& row) {
+  return std::any_of(rows.begin(), rows.end(),
+                     [&](const Row& other) { return row.doc == "As " + other.name + "."; });
+}
+
+bool is_topic(const std::string& kind) { return kind == "publisher" || kind == "subscription"; }
+
+std::string cells(const Row& row) {
+  std::string out = "`" + row.name + "` | " + cell(row.type) + " | ";
+  if (is_topic(row.kind)) out += cell(row.qos == kUsualQos ? "" : row.qos) + " | " + cell(row.rate) + " | ";
+  return out + cell(row.doc);
+}
+
 std::string table(const std::vector<Row>& rows, const std::string& kind) {
   std::string out;
-  const bool topic = kind == "publisher" || kind == "subscription";
   for (const auto& row : rows) {
-    if (row.kind != kind) continue;
+    if (row.kind != kind || is_alias(rows, row)) continue;
     if (out.empty()) {
       const std::string head = kind == "publisher"      ? "Published"
                                : kind == "subscription" ? "Taken"
                                : kind == "service"      ? "Services"
                                                         : "Actions";
       out = "\n**" + head + "**\n\n";
-      out += topic ? "| topic | type | QoS | rate | what |\n|---|---|---|---|---|\n"
-                   : "| name | type | what |\n|---|---|---|\n";
+      out += is_topic(kind) ? "| topic | type | QoS | rate | what |\n|---|---|---|---|---|\n"
+                            : "| name | type | what |\n|---|---|---|\n";
     }
-    out += "| `" + row.name + "` | " + cell(row.type) + " | ";
-    if (topic) out += cell(row.qos) + " | " + cell(row.rate) + " | ";
-    out += cell(row.doc) + " |\n";
+    out += "| " + cells(row);
+    for (const auto& alias : aliases(rows, row.name)) out += " Also `" + alias + "`.";
+    out += " |\n";
+  }
+  return out;
+}
+
+// The rows of a controllet type or of the features: outputs of one type in one row; inputs without the
+// additional topics of every input, which the page names once.
+std::vector<Row> condensed(const std::vector<Row>& rows) {
+  std::vector<Row> out;
+  for (Row row : rows) {
+    if (row.name.ends_with("/goal") || row.name.ends_with("/reference")) continue;
+    const auto same = std::find_if(out.begin(), out.end(), [&](const Row& other) {
+      return row.kind == "publisher" && std::tie(other.kind, other.type, other.qos, other.rate) ==
+                                            std::tie(row.kind, row.type, row.qos, row.rate);
+    });
+    if (same != out.end()) {
+      same->name += "`, `" + without_prefix(row.name, "~/<instance>/", "");
+      continue;
+    }
+    if (row.kind == "publisher") row.doc = "outputs";
+    out.push_back(std::move(row));
+  }
+  return out;
+}
+
+std::string lines_of(const std::string& owner, const std::vector<Row>& rows) {
+  std::string out;
+  for (const char* kind : {"subscription", "publisher"}) {
+    for (const auto& row : condensed(rows))
+      if (row.kind == kind) out += "| " + owner + " | " + cells(row) + " |\n";
   }
   return out;
 }
@@ -123,11 +173,14 @@ std::string interfaces_markdown(const std::vector<EntityInfo>& entities, const s
   std::string out = "\n## The run and its arms\n" + tables(groups[""]);
   out +=
       "\n## Controllets\n\nEvery instance of a type has these interfaces, whether it is active or not. "
-      "`<instance>` is its name in the scene.\n";
+      "`<instance>` is its name in the scene.\nEach input `X` also takes goals at `X/goal` (the same type, "
+      "reliable, approached smoothly) and publishes `X/reference`, the set-point that is followed now.\n"
+      "`~/list_controllets` and `~/list_features` describe inputs and outputs.\n";
+  out += "\n| controllet | topic | type | QoS | rate | what |\n|---|---|---|---|---|---|\n";
   for (const auto& [type, rows] : groups) {
-    if (!type.empty() && type != kFeatures) out += "\n### " + type + "\n" + tables(rows);
+    if (!type.empty() && type != kFeatures) out += lines_of(type, rows);
   }
-  out += "\n### Features of any controllet\n" + tables(groups[kFeatures]);
+  out += lines_of("any, with the feature", groups[kFeatures]);
   return out;
 }
 

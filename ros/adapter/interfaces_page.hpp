@@ -8,9 +8,9 @@
 
 namespace multipanda::ros {
 
-// Returns tables of a run's ROS interfaces as Markdown. They list the entities of a node that serves a run of
-// `scene`, with the scene's names replaced by placeholders (<arm>, <instance>). `node`: as in
-// Node::full_name(). `features`: names of all feature types.
+// Returns tables of a run's ROS interfaces as Markdown. They list the interfaces of a run of `scene`, with
+// the scene's names replaced by placeholders (<arm>, <instance>). `node`: as in Node::full_name().
+// `features`: names of all feature types.
 std::string interfaces_markdown(const std::vector<EntityInfo>& entities, const std::string& node,
                                 const Scene& scene, const std::vector<std::string>& features);
 

@@ -4,7 +4,7 @@
 #include "ros/adapter/ros_adapter.hpp"
 #include "runtime/ros_module.hpp"
 
-// Symbols that the program looks up in libmultipanda_ros.so (runtime/ros_module.hpp).
+// Symbols looked up in libmultipanda_ros.so by the program (runtime/ros_module.hpp).
 
 extern "C" __attribute__((visibility("default"))) unsigned multipanda_ros_version() {
   return multipanda::kRosModuleVersion;

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-// Names that several parts and their users share. Scene names consist of letters, digits and _, so they are
+// Names shared by several parts and their users. Scene names consist of letters, digits and _, so they are
 // valid in topics and frames.
 namespace multipanda::ros {
 

@@ -1,6 +1,6 @@
-// Stand-ins for the symbols of Python that the libraries of librcl's wheel need: each message package brings
-// its conversion to Python, which a program without Python never calls. With them the module is loaded where
-// there is no libpython, beside any version of Python.
+// Stand-ins for Python symbols that the libraries of librcl's wheel need: each message package has a
+// conversion to Python, which a program without Python never calls. With them the module loads without
+// libpython, and next to any version of Python.
 #include <cstdlib>
 
 #define MULTIPANDA_EXPORTED extern "C" __attribute__((visibility("default")))
@@ -40,7 +40,7 @@ MULTIPANDA_STAND_IN(PyUnicode_AsUTF8String)
 MULTIPANDA_STAND_IN(PyUnicode_DecodeUTF8)
 MULTIPANDA_STAND_IN(_Py_Dealloc)
 
-// Only their addresses are used.
+// Only the addresses are used.
 MULTIPANDA_EXPORTED void* PyExc_RuntimeError;
 MULTIPANDA_EXPORTED void* _Py_TrueStruct;
 void* PyExc_RuntimeError = nullptr;

@@ -12,7 +12,7 @@ namespace multipanda::ros {
 // Divides the loop's rate: true on every n-th cycle, for a rate in Hz of the loop's time.
 class RateDivider {
  public:
-  // A rate above the loop's means every cycle; 0 means never.
+  // A rate above the loop's rate means every cycle; 0 means never.
   RateDivider(double rate_hz, double period_s)
       : cycles_(rate_hz > 0 ? std::max<std::uint64_t>(
                                   1, static_cast<std::uint64_t>(std::lround(1 / (rate_hz * period_s))))

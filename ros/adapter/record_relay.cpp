@@ -29,7 +29,7 @@ void RecordRelay::wake() {
   if (waiting_.load()) syscall(SYS_futex, &posted_, FUTEX_WAKE_PRIVATE, 1, nullptr, nullptr, 0);
 }
 
-// Waits until more than `seen` was posted. May wake spuriously.
+// Waits until the counter exceeds `seen`. May wake spuriously.
 void RecordRelay::wait(std::uint32_t seen) {
   static_assert(sizeof(posted_) == sizeof(seen) && decltype(posted_)::is_always_lock_free);
   waiting_.store(true);
@@ -51,7 +51,7 @@ void RecordRelay::run() {
   pthread_setname_np(pthread_self(), "ros_publisher");  // names the thread in top and /proc
   for (;;) {
     const std::uint32_t seen = posted_.load();
-    // read before the rings, so that nothing is left in them
+    // read before the rings, so that they are emptied
     const bool last = stop_.load(std::memory_order_acquire);
     while (hand_on()) {
     }
@@ -60,7 +60,7 @@ void RecordRelay::run() {
   }
 }
 
-// Events first, as in the log: their cycle's record is the one before or after.
+// Events first, as in the log: their cycle's record is the previous or the next one.
 bool RecordRelay::hand_on() {
   bool busy = false;
   while (const Event* event = ring_.events.front()) {
@@ -79,7 +79,7 @@ bool RecordRelay::hand_on() {
   return busy;
 }
 
-// A part that throws must not affect the others.
+// An exception of one part must not affect the others.
 template <typename What>
 void RecordRelay::give(const What& what) {
   for (std::size_t i = 0; i < parts_.size(); ++i) {

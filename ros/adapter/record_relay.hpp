@@ -10,20 +10,20 @@
 
 namespace multipanda::ros {
 
-// Carries the loop's records to the parts of the adapter, which publish on a thread of their own. So neither
-// a slow reader nor the middleware can delay the log or the loop. If the publisher's thread falls behind,
-// records are dropped and counted.
+// Carries the loop's records to the adapter's parts, which publish on a separate thread. So neither a slow
+// reader nor the middleware can delay the log or the loop. If the publisher's thread falls behind, records
+// are dropped and counted.
 class RecordRelay {
  public:
-  static constexpr std::size_t kRecords = 100;  // capacity; older records are of no use
+  static constexpr std::size_t kRecords = 100;  // capacity; older records are useless
 
   // The parts outlive the relay. Exceptions from take() are counted and passed to `failed`, once per part.
   RecordRelay(const RecordLayout& layout, const AdapterParts& parts,
               std::function<void(const std::string&)> failed = nullptr);
-  ~RecordRelay();  // delivers what is left, then ends the thread
+  ~RecordRelay();  // delivers the remaining records, then ends the thread
   RecordRelay(const RecordRelay&) = delete;
 
-  // Calls of one thread; they neither wait nor allocate.
+  // Called from one thread; neither wait nor allocate.
   void take(const CycleRecord& record);
   void take(const Event& event);
 
@@ -33,7 +33,7 @@ class RecordRelay {
            ring_.dropped_events.load(std::memory_order_relaxed);
   }
   std::uint64_t handed_on() const { return handed_on_.load(std::memory_order_acquire); }  // records
-  // Mean time that all parts together need for one record, so far [s].
+  // Mean time of all parts together for one record [s].
   double mean_time_s() const;
 
  private:

@@ -19,7 +19,7 @@ namespace {
 
 std::int64_t wall_minus_host_ns() {
   using std::chrono::nanoseconds, std::chrono::system_clock;
-  // Takes the reading with the shortest duration, since the thread may be interrupted between the clocks.
+  // Takes the reading with the shortest duration, because the thread may be interrupted between both clocks.
   std::int64_t best = 0, shortest = std::numeric_limits<std::int64_t>::max();
   for (int i = 0; i < 5; ++i) {
     const std::int64_t before = host_now().ns;
@@ -63,30 +63,34 @@ RosAdapter::RosAdapter(const RunContext& run, RosOptions options, rcl_node_t* bo
 
 void RosAdapter::build(const RunContext& run) {
   executor_ = std::make_unique<Executor>();
+  stops_ = std::make_unique<Executor>();
   AdapterContext context;
   static_cast<RunContext&>(context) = run;
   context.context = context_.get();
   context.node = node_.get();
   context.executor = executor_.get();
+  context.stops = stops_.get();
   context.options = &options_;
   context.counters = &counters_;
-  context.reach = std::make_shared<Reach>(run.models);
   context.stamps.simulated = stamps_simulated(run, options_);
   context.stamps.wall_minus_host_ns = wall_minus_host_ns();
   context.diagnostics = [this] { return diagnostics(); };
   context.warn = [this](const std::string& topic, const std::string& text) { warn(topic, text); };
   run_ = std::make_unique<AdapterContext>(std::move(context));
   make_parts();
-  executor_->on_failure([this](const std::string& source, const std::string& text) {
-    {
-      const std::lock_guard lock(warn_mutex_);
-      last_failure_ = source + ": " + text;
-    }
-    warn(source, "a callback failed: " + source + ": " + text);
-  });
+  for (Executor* executor : {executor_.get(), stops_.get()}) {
+    executor->on_failure([this](const std::string& source, const std::string& text) {
+      {
+        const std::lock_guard lock(warn_mutex_);
+        last_failure_ = source + ": " + text;
+      }
+      warn(source, "a callback failed: " + source + ": " + text);
+    });
+  }
   relay_ = std::make_unique<RecordRelay>(*run.layout, parts_,
                                          [this](const std::string& text) { warn("publishing", text); });
   executor_->start();
+  stops_->start();
 }
 
 void RosAdapter::make_parts() {
@@ -104,8 +108,10 @@ void RosAdapter::make_parts() {
 }
 
 RosAdapter::~RosAdapter() {
-  if (executor_) executor_->stop();  // no more callbacks
-  relay_.reset();                    // no more records
+  for (auto* executor : {stops_.get(), executor_.get()}) {
+    if (executor != nullptr) executor->stop();  // no more callbacks
+  }
+  relay_.reset();  // no more records
   parts_.clear();
 }
 
@@ -123,7 +129,7 @@ void RosAdapter::on_loop(const Tick& tick, const Backend& backend) {
 std::vector<Diagnostic> RosAdapter::diagnostics() const {
   std::vector<Diagnostic> lines;
   Diagnostic own{.name = "callbacks"};
-  if (const std::uint64_t failures = executor_->failures(); failures > 0) {
+  if (const auto failures = executor_->failures() + stops_->failures(); failures > 0) {
     const std::lock_guard lock(warn_mutex_);
     own.level = Diagnostic::Level::error;
     own.message = fmt::format("{} callbacks failed, most recently {}", failures, last_failure_);

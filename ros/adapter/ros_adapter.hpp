@@ -17,7 +17,7 @@ namespace multipanda::ros {
 class RecordRelay;
 
 // A run on ROS 2: all its interfaces, made from the scene and the controllet descriptors. Stand-alone it has
-// its own context, node and executor; inside ros2_control it uses the controller's node.
+// a context, node and executor of its own; inside ros2_control it uses the controller's node.
 //
 // Threads: the relay's (take: copies into a ring, never waits), the publisher's (the parts' take) and the
 // executor's (callbacks). The loop's thread only calls on_loop, for parts that need the physics world itself.
@@ -25,8 +25,8 @@ class RosAdapter : public RunAdapter {
  public:
   // Throws RclError or std::invalid_argument.
   RosAdapter(const RunContext& run, RosOptions options);
-  // Uses an existing node that outlives the adapter. The adapter's own executor answers its services, in
-  // addition to whatever spins the node.
+  // Uses an existing node, which must outlive the adapter. The adapter's own executor serves it, in addition
+  // to any executor that spins the node.
   RosAdapter(const RunContext& run, RosOptions options, rcl_node_t* borrowed);
   ~RosAdapter() override;
 
@@ -34,7 +34,7 @@ class RosAdapter : public RunAdapter {
   void take(const Event& event) override;
   void on_loop(const Tick& tick, const Backend& backend) override;
 
-  const Node& node() const { return *node_; }  // its entities() make the reference page
+  const Node& node() const { return *node_; }  // its entities() make up the reference page
   const AdapterContext& run() const { return *run_; }
   std::vector<Diagnostic> diagnostics() const;
 
@@ -46,7 +46,7 @@ class RosAdapter : public RunAdapter {
   RosOptions options_;
   std::unique_ptr<Context> context_;  // null if the node is borrowed
   std::unique_ptr<Node> node_;
-  std::unique_ptr<Executor> executor_;
+  std::unique_ptr<Executor> executor_, stops_;
   AdapterCounters counters_;
   std::unique_ptr<AdapterContext> run_;  // shared by all parts
   AdapterParts parts_;

@@ -6,19 +6,19 @@
 #include <stdexcept>
 #include <thread>
 
-#include "support/spelling.hpp"
+#include "common/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
 
-constexpr double kTimeout = 15;             // for the run to answer, and to subscribe [s]
+constexpr double kTimeout = 15;             // for the run to answer and to subscribe [s]
 constexpr double kDiagnosticsTimeout = 10;  // for diagnostics newer than the last set-point [s]
 constexpr std::uint64_t kCheckEvery = 100;  // number of sends between checks for a subscriber
-// Time for the last samples of a stream to be taken before its goal is sent, and for the goal before this
+// Delay for the last samples of a stream to be taken before its goal is sent, and for the goal before this
 // node ends.
 constexpr auto kSettle = std::chrono::milliseconds(100);
 
-// Returns arguments for rcl. The publishing thread, which has the priority, sends messages itself: on a busy
+// Returns arguments for rcl. The publishing thread, which has priority, sends messages itself: on a busy
 // machine the middleware's own sender would wait for a core while the history fills up. A run does the
 // opposite (ros/rcl/context.hpp).
 std::vector<std::string> rcl_arguments(const TopicArguments& arguments) {
@@ -153,7 +153,7 @@ template <class M>
 void TopicChannel::make(Open& open, std::unique_ptr<Publisher<M>>& stream,
                         std::unique_ptr<Publisher<M>>& goal) {
   // Reliable for subscribers that request it; runs read only the newest message. A depth of a few messages,
-  // so that one that is being sent does not block the next.
+  // so that a message being sent does not block the next one.
   stream = std::make_unique<Publisher<M>>(node_, open.topic, Qos::reliable(10), Doc{});
   goal = std::make_unique<Publisher<M>>(node_, open.topic + "/goal", Qos::reliable(10), Doc{});
   if (!wait_until([&] { return stream->subscribers() > 0 && goal->subscribers() > 0; }, kTimeout))
@@ -183,8 +183,7 @@ SetPointChannel::Stream TopicChannel::open(const std::string& controllet, const 
     }
   }
   if (open->topic.empty()) {
-    throw std::invalid_argument("controllet '" + controllet + "' has no input '" + input + "'" +
-                                name_hint(input, names, "there are none"));
+    throw std::invalid_argument(has_no(controllet, "input", input, names));
   }
   open->controllet = controllet;
   open->input = input;

@@ -19,8 +19,8 @@
 
 namespace multipanda::ros {
 
-// Sends set-points to a run's inputs by topics. Asks the run's services for its controllets and inputs, so
-// that a wrong name is refused with a list of the right ones.
+// Sends set-points to a run's inputs by topics. Queries the run's controllets and inputs, so that a wrong
+// name is refused with a list of the valid ones.
 class TopicChannel final : public SetPointChannel {
  public:
   // Throws std::runtime_error if no run of this name answers.
@@ -31,7 +31,7 @@ class TopicChannel final : public SetPointChannel {
   Stream open(const std::string& controllet, const std::string& input, Quantity quantity) override;
   bool send(Stream stream, std::span<const double> values, std::int64_t time_ns) override;
   void rest() override;
-  // Returns the number of samples sent here, and from the run's /diagnostics the numbers received and refused
+  // Returns the number of samples sent, and from the run's /diagnostics the numbers received and refused
   // since then, with the last reason.
   nlohmann::json channels() override;
 
@@ -50,7 +50,7 @@ class TopicChannel final : public SetPointChannel {
   struct Open {
     std::string controllet, input, topic;
     Quantity quantity;
-    // One pair is used, by quantity.
+    // One of the pair is used, depending on the quantity.
     std::unique_ptr<Publisher<PoseStamped>> pose, pose_goal;
     std::unique_ptr<Publisher<JointState>> joints, joints_goal;
     PoseStamped pose_message;

@@ -9,7 +9,7 @@ namespace multipanda::ros {
 namespace {
 
 const SharedArmState& shared(const void* address) { return *static_cast<const SharedArmState*>(address); }
-// Computes terms on demand, in the loop's thread of the caller.
+// Computes terms on demand, in the caller's loop thread.
 ModelTerms& terms(const void* address) { return *shared(address).model; }
 
 std::span<const double> span_of(const JointVector& v) {

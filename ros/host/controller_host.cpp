@@ -7,22 +7,21 @@
 #include <stdexcept>
 #include <type_traits>
 
+#include "common/spelling.hpp"
 #include "models/robot_description.hpp"
 #include "ros/adapter/controllets/parameter_table.hpp"
 #include "ros/adapter/ros_adapter.hpp"
 #include "runtime/embedded/hosted_cycle.hpp"
 #include "runtime/request_text.hpp"
 #include "scene/build.hpp"
-#include "scene/carried_arms.hpp"
 #include "scene/from_parameters.hpp"
 #include "scene/load.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 
 static_assert(std::is_same_v<FlatParameters, multipanda::FlatParameters>);
 
-// A folder with the robot description as a model that scenes can name. The destructor removes it.
+// A folder with the robot description as a model for scenes. The destructor removes it.
 class DescriptionFolder {
  public:
   explicit DescriptionFolder(const std::string& urdf) : urdf_(urdf) {}
@@ -69,7 +68,8 @@ class DescriptionFolder {
 
 namespace {
 
-// With a controller_manager, other nodes publish these, so they are off unless a parameter enables them.
+// With a controller_manager, other nodes publish these topics, so they are off unless a parameter
+// enables them.
 void leave_to_others(const FlatParameters& parameters, RosSection::Rates& rates) {
   const std::pair<const char*, double*> others[] = {{"joint_states", &rates.joint_states},
                                                     {"tf", &rates.tf},
@@ -83,7 +83,7 @@ void leave_to_others(const FlatParameters& parameters, RosSection::Rates& rates)
   }
 }
 
-// Newton meters for one joint must not reach another one. Throws std::invalid_argument.
+// A torque meant for one joint must not reach another one. Throws std::invalid_argument.
 void check_order(const std::vector<std::string>& given, const std::vector<std::string>& chain) {
   bool moved = false;
   for (std::size_t i = 0; i < given.size() && i < chain.size(); ++i) {
@@ -107,13 +107,14 @@ struct ControllerHost::Implementation {
     refuse_carried_arms(scene, "a controller of ros2_control");
     for (ArmIndex i = 0; i < given.arms.size(); ++i) {
       if (given.arms[i].base_link.empty()) continue;
-      std::vector<std::string> names = robot_of(scene.arms[i]).joint_names;  // as the description names them
+      std::vector<std::string> names = robot_of(scene.arms[i]).joint_names;  // as named in the description
       check_order(given.arms[i].joints, names);
       if (given.arms[i].joints.empty()) given.arms[i].joints = std::move(names);
     }
     arms = given.arms;
     HostedOptions hosted{.arms = std::move(given.arms),
                          .period_s = options.period_s,
+                         .stop_after_gaps = !options.simulated_time,
                          .make_adapter = {},
                          .trace = hosted_trace_options(parameters),
                          .report = options.report};
@@ -122,7 +123,7 @@ struct ControllerHost::Implementation {
         RosOptions ros;
         static_cast<RosSection&>(ros) = run.scene->ros;
         ros.parameter_services = false;  // the node has its own
-        ros.arms = false;                // the hardware's node has them
+        ros.arms = false;                // provided by the hardware's node
         leave_to_others(parameters, ros.rates_hz);
         return std::make_unique<RosAdapter>(run, ros, options.node);
       };
@@ -234,7 +235,7 @@ bool ControllerHost::update(double period_s) noexcept {
 void ControllerHost::deactivate() noexcept {
   auto& self = *self_;
   if (!self.cycle->is_active()) return;
-  if (!self.addresses_valid()) {  // the hardware's memory may be gone
+  if (!self.addresses_valid()) {  // the hardware may have been destroyed
     for (ArmIndex i = 0; i < self.arms.size(); ++i) self.cycle->signals(i).shared = nullptr;
   }
   self.take_states();
@@ -255,7 +256,7 @@ bool ControllerHost::has_parameter(const std::string& name) const { return self_
 std::string ControllerHost::set_parameters(const std::vector<rcl_interfaces::msg::Parameter>& parameters) {
   std::vector<Request> requests;
   for (const auto& parameter : parameters) {
-    if (!self_->table->has(parameter.name)) continue;  // the node's own
+    if (!self_->table->has(parameter.name)) continue;  // the node's own parameter
     std::string reason;
     const auto request = self_->table->request(parameter, reason);
     if (!request) return parameter.name + ": " + reason;
@@ -267,7 +268,7 @@ std::string ControllerHost::set_parameters(const std::vector<rcl_interfaces::msg
     const Answer answer = modes.ask(requests);
     return answer.accepted() ? "" : reason(modes, requests.front(), answer.verdict);
   }
-  std::uint64_t ticket = 0;  // taken by the first step after the activation, whenever that is
+  std::uint64_t ticket = 0;  // set by the first step after activation, whenever that is
   const Verdict verdict = modes.post(requests, ticket, Mailbox::kForever);
   return verdict == Verdict::accepted ? "" : reason(modes, requests.front(), verdict);
 }

@@ -16,16 +16,17 @@ namespace multipanda::ros {
 
 struct ControllerHostOptions {
   double period_s = 0.001;        // of the host's loop
+  bool simulated_time = false;    // a simulation may pause that loop; otherwise a pause stops the arms
   std::string robot_description;  // URDF text, for arms with `model: robot_description`; may be empty
-  // Node of the controller, on which the adapter makes its interfaces. It outlives the host. nullptr:
+  // The controller's node, which gets the adapter's interfaces and must outlive the host. nullptr:
   // no interfaces.
   rcl_node_t* node = nullptr;
-  // Receives messages for the user about the performance trace, also from another thread. May be empty.
+  // Receives messages for the user about the performance trace, possibly from another thread. May be empty.
   std::function<void(const std::string&)> report;
 };
 
-// The multimode controller for a ros2_control controller. The interface uses numbers and strings only, so
-// that packages that host it need no header of the core.
+// The multimode controller for ros2_control. The interface uses only numbers and strings, so that packages
+// that host it need no headers of the core.
 class __attribute__((visibility("default"))) ControllerHost {
  public:
   // Builds everything. Throws std::invalid_argument or std::runtime_error with the cause and the remedy.
@@ -39,11 +40,10 @@ class __attribute__((visibility("default"))) ControllerHost {
   std::span<double> states();
   std::span<const double> commands() const;
 
-  // Host's loop.
-  // Call with states() filled. Returns an empty string, or the reason why nothing has started.
+  // Host's loop. Call with states() filled. Returns an empty string, or the reason why it did not start.
   std::string activate();
-  // Reads states(), writes commands(). Returns false if the hardware behind a robot_state is gone; then the
-  // commands are not valid torques.
+  // Reads states(), writes commands(). Returns false if the hardware behind a robot_state has gone; the
+  // commands are then invalid.
   bool update(double period_s) noexcept;
   void deactivate() noexcept;
 

@@ -65,7 +65,7 @@ void HardwareHost::disconnect() {
 }
 
 void HardwareHost::disconnect_later(std::shared_ptr<void> node) noexcept {
-  // The system's own thread begins at once; it does not wait for the services.
+  // The system's own thread starts at once, without waiting for the services.
   self_->system->disconnect_later();
   self_->tear_down.start([this, node = std::move(node)]() mutable {
     self_->services.reset();

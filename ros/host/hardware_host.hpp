@@ -10,7 +10,7 @@
 
 namespace multipanda::ros {
 
-// Hardware for ros2_control. The interface uses numbers and strings only. docs/ros2_control.md describes
+// Hardware for ros2_control. The interface uses only numbers and strings. docs/ros2_control.md describes
 // parameters and interfaces.
 class __attribute__((visibility("default"))) HardwareHost {
  public:
@@ -30,7 +30,7 @@ class __attribute__((visibility("default"))) HardwareHost {
   const Extras& extras() const;
   struct Number {
     std::string prefix, name;
-    double* value = nullptr;  // valid for the host's life
+    double* value = nullptr;  // valid for the host's lifetime
   };
   std::vector<Number> states() const;
   std::vector<Number> commands() const;
@@ -38,11 +38,11 @@ class __attribute__((visibility("default"))) HardwareHost {
   // Off the loop.
   void connect();  // throws std::runtime_error with the remedy
   void disconnect();
-  // The same with stop_serving(), for the loop's thread: returns at once, and a thread does the work,
-  // which the other functions off the loop wait for. It holds `node` until the services on it have ended.
+  // The same with stop_serving(), for the loop's thread: returns at once; a thread does the work, and the
+  // other functions off the loop wait for it. It keeps `node` until the services on it have ended.
   void disconnect_later(std::shared_ptr<void> node) noexcept;
-  // Offers services of the arms (recover, set_load, ...; docs/ros_interfaces.md) on this node, which
-  // outlives them.
+  // Offers services of the arms (recover, set_load, ...; docs/ros_interfaces.md) on this node, which must
+  // outlive them.
   void serve(rcl_node_t* node);
   void stop_serving();
   // On failure returns false, sets `why` and changes nothing.
@@ -52,7 +52,7 @@ class __attribute__((visibility("default"))) HardwareHost {
   // Loop; these functions do not wait.
   void perform_switch(const std::vector<std::string>& start, const std::vector<std::string>& stop) noexcept;
   void deactivate() noexcept;
-  bool read() noexcept;  // false: no arm is left; fault() gives the reason
+  bool read() noexcept;  // false: no arm left; fault() gives the reason
   // As read(). `stamp_ns`: the time of this cycle on the program's clock.
   bool write(std::int64_t stamp_ns) noexcept;
   std::string fault() const;

@@ -6,7 +6,7 @@
 #include <variant>
 #include <vector>
 
-// The same type as in scene/from_parameters.hpp, whose include would bring the core's headers.
+// The same type as in scene/from_parameters.hpp, which would include headers of the core.
 namespace multipanda::ros {
 
 using ParameterValue = std::variant<bool, std::int64_t, double, std::string, std::vector<bool>,

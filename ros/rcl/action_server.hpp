@@ -22,7 +22,7 @@ using Uuid = std::array<std::uint8_t, 16>;
 
 struct GoalDecision {
   bool accepted = false;
-  // reason for a rejection; actions have no field for it, so it is passed to Callbacks::refused
+  // reason of a rejection; actions have no field for it, so it is passed to Callbacks::refused
   std::string reason;
   static GoalDecision accept() { return {true, ""}; }
   static GoalDecision reject(std::string why) { return {false, std::move(why)}; }
@@ -79,7 +79,7 @@ class ActionServer {
   using CancelGoal = action_msgs::srv::CancelGoal;
   using GoalStatus = action_msgs::msg::GoalStatus;
 
-  struct Shared {  // data that goals need; outlives the server's entities
+  struct Shared {  // data needed by goals; outlives the server's entities
     Shared(Node& node, const std::string& name)
         : goals(node, name), feedback(node, name + "/_action/feedback", Qos::reliable(10), Doc{}) {}
     ActionGoals goals;
@@ -198,7 +198,7 @@ class ActionServer {
       const auto found = running_.find(id);
       const auto goal = found == running_.end() ? nullptr : found->second.lock();
       if (!goal || !callbacks_.on_cancel(goal)) continue;
-      // on_cancel may have ended the goal already.
+      // on_cancel may already have ended the goal.
       if (!shared_->goals.change(id, GoalStatus::STATUS_CANCELING) &&
           shared_->goals.status(id) != GoalStatus::STATUS_CANCELED)
         continue;
@@ -227,7 +227,7 @@ class ActionServer {
   Callbacks callbacks_;
   std::shared_ptr<Shared> shared_;
   std::map<Uuid, std::weak_ptr<Goal>> running_;  // executor's thread
-  Service<SendGoal> send_goal_;                  // destroyed before what they use
+  Service<SendGoal> send_goal_;                  // destroyed first, since it uses the others
   Service<CancelGoal> cancel_goal_;
   Service<GetResult> get_result_;
 };

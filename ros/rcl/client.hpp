@@ -17,7 +17,7 @@ namespace multipanda::ros {
 class ClientBase : public Incoming {
  public:
   bool ready() const;  // whether the service is available
-  // Waits until the service is available; returns false after the timeout. Not from a callback.
+  // Waits until the service is available; returns false on timeout. Not from a callback.
   bool wait_until_ready(double timeout_s) const;
 
  protected:

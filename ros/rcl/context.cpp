@@ -1,5 +1,6 @@
 #include "ros/rcl/context.hpp"
 
+#include <atomic>
 #include <cstdlib>
 #include <exception>
 #include <filesystem>
@@ -10,8 +11,8 @@
 #endif
 #include <string_view>
 
+#include "common/own_files.hpp"
 #include "ros/rcl/error.hpp"
-#include "support/own_files.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -23,12 +24,14 @@ constexpr const char* kProfileVariable = "FASTRTPS_DEFAULT_PROFILES_FILE";
 constexpr const char* kProfileVariable = "FASTDDS_DEFAULT_PROFILES_FILE";
 #endif
 
+std::atomic<bool> local{false};
+
 bool is_set(const char* name) {
   const char* value = std::getenv(name);
   return value != nullptr && !std::string_view(value).empty();
 }
 
-// `name`: a profile of this folder, found where multipanda's own files are.
+// `name`: a profile in this folder, located with multipanda's own files.
 bool use_profile(const char* name) {
   try {
     const std::filesystem::path path = share_folder() / "ros/rcl" / name;
@@ -48,11 +51,12 @@ bool keep_to_this_machine() {
         "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER"}) {
     if (is_set(name)) return false;
   }
+  local = true;
 #if defined(RCL_VERSION_MAJOR) && RCL_VERSION_MAJOR < 6
-  setenv("ROS_LOCALHOST_ONLY", "1", 1);  // Humble's rmw makes a loopback transport of its own
+  setenv("ROS_LOCALHOST_ONLY", "1", 1);  // Humble's rmw creates its own loopback transport
 #else
-  // Other middlewares than Fast DDS need LOCALHOST. For Fast DDS, SYSTEM_DEFAULT keeps rmw from changing what
-  // the profile says; without the profile (a moved source tree) shared memory alone is as closed.
+  // Middlewares other than Fast DDS need LOCALHOST. For Fast DDS, SYSTEM_DEFAULT keeps rmw from changing the
+  // profile; without the profile (a moved source tree) shared memory alone is equally closed.
   const std::string_view middleware = is_set("RMW_IMPLEMENTATION") ? std::getenv("RMW_IMPLEMENTATION") : "";
   const bool fast_dds = middleware.empty() || middleware.find("fastrtps") != std::string_view::npos;
   setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", fast_dds ? "SYSTEM_DEFAULT" : "LOCALHOST", 1);
@@ -60,6 +64,8 @@ bool keep_to_this_machine() {
 #endif
   return true;
 }
+
+bool keeps_to_this_machine() { return local; }
 
 bool publish_in_background() {
   constexpr const char* kMode = "RMW_FASTRTPS_PUBLICATION_MODE";
@@ -88,7 +94,7 @@ Context::Context(std::vector<std::string> arguments) : context_(rcl_get_zero_ini
   const std::string why = result == RCL_RET_OK ? "" : take_rcl_error();
   disregard(rcl_init_options_fini(&options));
   if (result != RCL_RET_OK) throw RclError("starting ROS failed (" + std::to_string(result) + "): " + why);
-  disregard(rcl_get_default_domain_id(&domain_));  // as rcl_init read it from ROS_DOMAIN_ID
+  disregard(rcl_get_default_domain_id(&domain_));  // as read by rcl_init from ROS_DOMAIN_ID
   if (domain_ == RCL_DEFAULT_DOMAIN_ID) domain_ = 0;
 }
 

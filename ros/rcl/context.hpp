@@ -14,10 +14,12 @@ namespace multipanda::ros {
 // FASTRTPS_DEFAULT_PROFILES_FILE, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_LOCALHOST_ONLY, ROS_STATIC_PEERS,
 // ROS_DISCOVERY_SERVER. Returns whether it set variables. Call before other threads read the environment.
 bool keep_to_this_machine();
+// Whether it did, so that all messages are stamped by this machine's clock.
+bool keeps_to_this_machine();
 
-// Makes the middleware send on its own thread, unless RMW_FASTRTPS_PUBLICATION_MODE is set. A process that is
-// stopped (Ctrl-Z) can hold a lock of the shared memory it reads from; writers were seen to block on it for
-// up to two seconds. Returns whether it set the variable.
+// Makes the middleware send on its own thread, unless RMW_FASTRTPS_PUBLICATION_MODE is set. A stopped process
+// (Ctrl-Z) can hold a lock of the shared memory that it reads; writers were seen to block on it for up to two
+// seconds. Returns whether it set the variable.
 bool publish_in_background();
 
 // Disables Fast DDS' look-up of types at other participants, which ROS 2 does not need; programs that ended
@@ -26,7 +28,7 @@ bool publish_in_background();
 // set the variable. Call after keep_to_this_machine(), which respects that variable.
 bool ask_for_no_types();
 
-// ROS as one program uses it (rcl_init to rcl_shutdown). Outlives every entity made with it.
+// The ROS context of one program (rcl_init to rcl_shutdown). Outlives every entity made with it.
 class Context {
  public:
   // Applies the three functions above. `arguments`: as on a command line without the program's name, for

@@ -16,7 +16,7 @@ void disregard(rcl_ret_t result) {
 
 void check(rcl_ret_t result, const std::string& what) {
   if (result == RCL_RET_OK) {
-    // some calls succeed and leave an error of an attempt behind, which the next call would print
+    // some successful calls leave an error behind, which the next call would print
     rcl_reset_error();
     return;
   }

@@ -1,6 +1,9 @@
 #include "ros/rcl/executor.hpp"
 
 #include <algorithm>
+#include <chrono>
+
+#include "ros/rcl/context.hpp"
 
 namespace multipanda::ros {
 
@@ -16,7 +19,23 @@ void Incoming::arrived(const void* incoming, std::size_t /*count*/) {
   self->executor_.notify(*self);
 }
 
+// The system's clock may have been set since. That of another machine is not compared with ours.
+double Incoming::note_times(std::int64_t sent_ns, std::int64_t received_ns) {
+  using namespace std::chrono;
+  const std::int64_t since_ns = keeps_to_this_machine() && sent_ns > 0 ? sent_ns : received_ns;
+  const std::int64_t now = duration_cast<nanoseconds>(system_clock::now().time_since_epoch()).count();
+  const std::int64_t waited_ns = since_ns <= 0 ? 0 : std::max<std::int64_t>(0, now - since_ns);
+  executor_.sent_ = host_now() + nanoseconds(-waited_ns);
+  return seconds(nanoseconds(waited_ns));
+}
+
 Executor::~Executor() { stop(); }
+
+std::string Executor::late(double patience_s) const {
+  if (gaps_.settles()) return kStoodStill;
+  if (seconds(host_now() - sent()) <= patience_s) return {};
+  return "it waited in this computer, which is overloaded, for longer than its sender does: ask again";
+}
 
 void Executor::start() {
   if (running_.exchange(true)) return;
@@ -36,7 +55,7 @@ void Executor::stop() {
   }
   if (thread_.joinable()) thread_.join();
   running_.store(false);
-  // Destroyed outside of the lock: these functions may own entities with destructors.
+  // Destroyed outside the lock: these functions may own entities with destructors.
   std::deque<std::function<void()>> posted;
   std::list<std::function<bool()>> polls, new_polls;
   const std::lock_guard lock(mutex_);
@@ -54,12 +73,12 @@ Executor::TimerId Executor::add_timer(std::chrono::nanoseconds period, std::func
 }
 
 void Executor::remove_timer(TimerId id) {
-  std::list<Timer> removed;  // destroyed outside of the lock
+  std::list<Timer> removed;  // destroyed outside the lock
   std::unique_lock lock(mutex_);
   if (!on_own_thread()) turned_.wait(lock, [&] { return timer_running_ != id; });
   for (auto each = timers_.begin(); each != timers_.end(); ++each) {
     if (each->id != id) continue;
-    // A timer that removes itself is still running; it is destroyed after it has returned.
+    // A timer that removes itself is still running; it is destroyed after it returns.
     if (timer_running_ == id)
       each->id = 0;
     else
@@ -97,7 +116,7 @@ void Executor::detach(Incoming& incoming) {
   incoming.attached_ = false;
   std::erase(ready_, &incoming);
   if (!on_own_thread()) turned_.wait(lock, [&] { return served_ != &incoming; });
-  if (served_ == &incoming) served_ = nullptr;  // the entity ends itself from its own callback: see serve()
+  if (served_ == &incoming) served_ = nullptr;  // the entity was destroyed by its own callback: see serve()
 }
 
 void Executor::notify(Incoming& incoming) {
@@ -111,12 +130,13 @@ void Executor::notify(Incoming& incoming) {
 void Executor::run() {
   std::unique_lock lock(mutex_);
   while (!stop_) {
+    (void)gaps_.look();
     run_timers(lock);
     run_posted(lock);
     run_polls(lock);
     serve(lock);
     if (stop_ || !ready_.empty() || !posted_.empty() || !new_polls_.empty()) continue;
-    auto until = Clock::now() + std::chrono::hours(1);
+    auto until = Clock::now() + kSlice;
     for (const Timer& timer : timers_) until = std::min(until, timer.next);
     if (!polls_.empty()) until = std::min(until, Clock::now() + kPollEvery);
     woken_.wait_until(lock, until);
@@ -143,7 +163,7 @@ void Executor::run_timers(std::unique_lock<std::mutex>& lock) {
   const auto now = Clock::now();
   for (auto timer = timers_.begin(); timer != timers_.end() && !stop_;) {
     if (timer->next <= now) {
-      // Skips periods that were missed by more than one.
+      // Skips missed periods.
       timer->next = std::max(timer->next + timer->period, now);
       timer_running_ = timer->id;
       lock.unlock();
@@ -174,7 +194,7 @@ void Executor::run_polls(std::unique_lock<std::mutex>& lock) {
   lock.unlock();
   std::size_t done = 0;
   for (auto poll = polls_.begin(); poll != polls_.end();) {
-    bool over = true;  // also if it throws
+    bool over = true;  // also on an exception
     guarded([&] { over = (*poll)(); }, nullptr, "a function of poll_until()");
     if (over) {
       poll = polls_.erase(poll);
@@ -198,11 +218,13 @@ void Executor::serve(std::unique_lock<std::mutex>& lock) {
     bool more = true;
     for (std::size_t taken = 0; more && taken < kPerTurn && served_ == incoming && !stop_; ++taken) {
       lock.unlock();
+      (void)gaps_.look();
       // A callback that throws has taken its message; there may be more.
       guarded([&] { more = incoming->take(); }, incoming, "");
+      sent_ = {};
       lock.lock();
     }
-    // A callback may have ended its own entity, which must not be touched then.
+    // A callback may have destroyed its own entity, which must not be touched afterwards.
     if (served_ == incoming && more && incoming->attached_ && !incoming->queued_) {
       incoming->queued_ = true;
       ready_.push_back(incoming);

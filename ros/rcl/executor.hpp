@@ -14,6 +14,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/types/gap_watch.hpp"
+
 namespace multipanda::ros {
 
 class Executor;
@@ -26,11 +28,14 @@ class Incoming {
  protected:
   explicit Incoming(Executor& executor) : executor_(executor) {}
   Incoming(const Incoming&) = delete;
-  // begin() starts service; end() waits for a callback that runs in another thread, and no callback follows.
+  // begin() starts service; end() waits for a callback running in another thread; no callback follows.
   void begin();
   void end();
   // For rcl's set_on_new_..._callback: any thread of the middleware.
   static void arrived(const void* incoming, std::size_t count);
+  // To be called for each message that is taken, with its times by the system's clock [ns], 0: not known.
+  // Returns for how long it has waited [s].
+  double note_times(std::int64_t sent_ns, std::int64_t received_ns);
 
  private:
   friend class Executor;
@@ -76,14 +81,20 @@ class Executor {
   void remove_timer(TimerId id);  // waits if it runs in another thread
   // Runs the function once, soon, on the executor's thread.
   void post(std::function<void()> function);
-  // Calls `done` on the executor's thread at once and then at least every 0.2 ms until it returns true. For
-  // answers of the loop, which wake no thread.
+  // Calls `done` on the executor's thread, first at once and then at least every 0.2 ms until it returns
+  // true. For answers of the loop, which wake no thread.
   void poll_until(std::function<bool()> done);
-  // Number of poll_until() functions that have not finished.
+  // Number of unfinished poll_until() functions.
   std::size_t polling() const;
+  // Executor's thread. Why nothing is begun now: the message that is served has waited for more than
+  // `patience_s`, or the program stood still (GapWatch). Empty: it may begin.
+  std::string late(double patience_s) const;
+  // When that message was sent, at the latest; outside of a message's callback: now.
+  HostTime sent() const { return sent_.ns != 0 ? sent_ : host_now(); }
 
  private:
   friend class Incoming;
+  static constexpr std::chrono::nanoseconds kSlice = GapWatch::kSlice;
   struct Timer {
     TimerId id = 0;
     std::chrono::nanoseconds period{0};
@@ -109,6 +120,8 @@ class Executor {
   std::deque<std::function<void()>> posted_;
   std::list<std::function<bool()>> polls_, new_polls_;
   Incoming* served_ = nullptr;  // the entity whose callback runs
+  GapWatch gaps_;               // executor's thread, as the next one
+  HostTime sent_;               // of the message that is served; 0: none
   TimerId timer_running_ = 0, timer_count_ = 0;
   std::size_t poll_count_ = 0;
   bool stop_ = false;

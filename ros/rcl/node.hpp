@@ -26,12 +26,12 @@ struct EntityInfo {
   std::string rate, doc;
 };
 
-// A node: resolves the names of entities. Outlives them. Any thread.
+// A node, which resolves the names of its entities and outlives them. Any thread.
 class Node {
  public:
   // Throws RclError, also for names that ROS does not accept.
   Node(Context& context, const std::string& name, const std::string& name_space = "");
-  // Borrows a node, for example of rclcpp, that outlives this object. Only makes entities in it.
+  // Borrows a node, for example of rclcpp, that outlives this object. Only creates entities in it.
   explicit Node(rcl_node_t* borrowed);
   ~Node();
   Node(const Node&) = delete;

@@ -224,7 +224,8 @@ class WaitingReader final : public SubscriptionBase {
   WaitingReader(Executor& executor, Node& node, const std::string& name)
       : SubscriptionBase(executor, node, name,
                          rosidl_typesupport_cpp::get_message_type_support_handle<String>(),
-                         "std_msgs/msg/String", Qos::reliable(), kDoc) {
+                         "std_msgs/msg/String", Qos::reliable(), kDoc),
+        own_(executor) {
     open();
   }
   ~WaitingReader() override { close(); }
@@ -233,9 +234,13 @@ class WaitingReader final : public SubscriptionBase {
  private:
   bool take() override {
     if (!take_any(&message_)) return false;
+    const HostTime sent = own_.sent();
     waited = waited_s();
+    std::this_thread::sleep_for(1ms);
+    EXPECT_EQ(own_.sent(), sent) << "a callback that takes long makes no message newer";
     return true;
   }
+  Executor& own_;
   String message_;
 };
 

@@ -16,8 +16,8 @@ ServiceCore::ServiceCore(Node& node, const std::string& name, const rosidl_servi
 
 ServiceCore::~ServiceCore() { close(); }
 
-bool ServiceCore::take(rmw_request_id_t& id, void* request) {
-  const rcl_ret_t taken = rcl_take_request(&service_, &id, request);
+bool ServiceCore::take(rmw_service_info_t& info, void* request) {
+  const rcl_ret_t taken = rcl_take_request_with_info(&service_, &info, request);
   if (taken == RCL_RET_OK) return true;
   if (taken != RCL_RET_SERVICE_TAKE_FAILED) (void)take_rcl_error();
   return false;
@@ -25,7 +25,7 @@ bool ServiceCore::take(rmw_request_id_t& id, void* request) {
 
 void ServiceCore::send(rmw_request_id_t id, void* response) {
   const std::lock_guard lock(mutex_);
-  // A client that has disappeared is not an error of the service.
+  // A client that has gone is not an error of the service.
   if (open_ && rcl_send_response(&service_, &id, response) != RCL_RET_OK) (void)take_rcl_error();
 }
 
@@ -50,6 +50,14 @@ ServiceBase::ServiceBase(Executor& executor, Node& node, const std::string& name
 
 ServiceBase::~ServiceBase() = default;
 
+bool ServiceBase::take_any(rmw_request_id_t& id, void* request) {
+  rmw_service_info_t info{};
+  if (!core_->take(info, request)) return false;
+  id = info.request_id;
+  note_times(info.source_timestamp, info.received_timestamp);
+  return true;
+}
+
 void ServiceBase::open() {
   begin();
   core_->on_new(&Incoming::arrived, static_cast<Incoming*>(this));
@@ -58,10 +66,10 @@ void ServiceBase::open() {
 void ServiceBase::close() {
   try {
     core_->on_new(nullptr, nullptr);
-  } catch (const RclError&) {  // the context is gone, so no request follows
+  } catch (const RclError&) {  // the context has gone: no further request
   }
   end();
-  core_->close();  // replies still held have no effect from here on
+  core_->close();  // replies still held have no effect from now on
 }
 
 }  // namespace multipanda::ros

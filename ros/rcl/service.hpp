@@ -14,13 +14,13 @@
 
 namespace multipanda::ros {
 
-// The part of a service that replies keep alive. A reply after the service's end has no effect.
+// The part of a service kept alive by replies. A reply after the service's end has no effect.
 class ServiceCore {
  public:
   ServiceCore(Node& node, const std::string& name, const rosidl_service_type_support_t* type);
   ~ServiceCore();
   ServiceCore(const ServiceCore&) = delete;
-  bool take(rmw_request_id_t& id, void* request);
+  bool take(rmw_service_info_t& info, void* request);
   void send(rmw_request_id_t id, void* response);
   void close();
   void on_new(rcl_event_callback_t callback, const void* data);
@@ -40,6 +40,7 @@ class ServiceBase : public Incoming {
  protected:
   ServiceBase(Executor& executor, Node& node, const std::string& name,
               const rosidl_service_type_support_t* type, const std::string& type_name, const Doc& doc);
+  bool take_any(rmw_request_id_t& id, void* request);
   ~ServiceBase() override;
   void open();
   void close();
@@ -49,7 +50,7 @@ class ServiceBase : public Incoming {
 };
 
 // The callback may reply at once, or keep the Reply and reply later, once, from any thread, even after the
-// service's end. A callback that throws leaves the caller without an answer, so catch exceptions.
+// service's end. If a callback throws, the caller gets no answer, so catch exceptions.
 template <class S>
 class Service : public ServiceBase {
  public:
@@ -80,7 +81,7 @@ class Service : public ServiceBase {
   bool take() override {
     rmw_request_id_t id;
     Request request;
-    if (!core_->take(id, &request)) return false;
+    if (!take_any(id, &request)) return false;
     callback_(request, Reply(core_, id));
     return true;
   }

@@ -1,23 +1,8 @@
 #include "ros/rcl/subscription.hpp"
 
-#include <algorithm>
-#include <chrono>
-#include <cstdint>
-
 #include "ros/rcl/error.hpp"
 
 namespace multipanda::ros {
-namespace {
-
-// `received_ns`: the system's clock, which may have been set since.
-double seconds_since(std::int64_t received_ns) {
-  using namespace std::chrono;
-  const std::int64_t now = duration_cast<nanoseconds>(system_clock::now().time_since_epoch()).count();
-  return received_ns <= 0 ? 0.0 : std::max(0.0, 1e-9 * static_cast<double>(now - received_ns));
-}
-
-}  // namespace
-
 SubscriptionBase::SubscriptionBase(Executor& executor, Node& node, const std::string& name,
                                    const rosidl_message_type_support_t* type, const std::string& type_name,
                                    const Qos& qos, const Doc& doc)
@@ -58,7 +43,7 @@ bool SubscriptionBase::take_any(void* message) {
   rmw_message_info_t info = rmw_get_zero_initialized_message_info();
   const rcl_ret_t taken = rcl_take(&subscription_, message, &info, nullptr);
   if (taken == RCL_RET_OK) {
-    waited_s_ = seconds_since(info.received_timestamp);
+    waited_s_ = note_times(info.source_timestamp, info.received_timestamp);
     return true;
   }
   if (taken != RCL_RET_SUBSCRIPTION_TAKE_FAILED) (void)take_rcl_error();

@@ -27,7 +27,7 @@ class SubscriptionBase : public Incoming {
   void close();  // call at the start of the most derived destructor
   // Returns false if there was no message, or it could not be read (which is counted).
   bool take_any(void* message);
-  // For how long the message taken last had waited [s]; 0 if the middleware does not say when it came.
+  // Waiting time of the last message taken [s]; 0 if the middleware does not report its arrival.
   double waited_s() const { return waited_s_; }
   std::string source() const override { return topic(); }
 
@@ -37,8 +37,8 @@ class SubscriptionBase : public Incoming {
   double waited_s_ = 0;
 };
 
-// The callback gets every available message (as many as the depth keeps) on the executor's thread, and none
-// after destruction. It must not throw for an invalid message, since there is no caller to answer.
+// The callback gets every available message (up to the depth) on the executor's thread, and none after
+// destruction. It must not throw for an invalid message, since there is no caller to answer.
 template <class M>
 class Subscription : public SubscriptionBase {
  public:

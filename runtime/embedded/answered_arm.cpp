@@ -17,7 +17,7 @@ std::vector<fci::FciArmConfig> alone(fci::FciArmConfig config) {
   return one;
 }
 
-// The kind of motion in which the arm takes commands.
+// The kind of motion in which the arm accepts commands.
 ArmDrive running_motion(const fci::FciBackend& backend) {
   for (std::size_t k = 1; k < kArmDrives; ++k) {
     const auto drive = static_cast<ArmDrive>(k);
@@ -102,8 +102,8 @@ void AnsweredArm::run(std::promise<std::string> connected) {
   }
   connected.set_value({});
   while (!leaving_.load(std::memory_order_acquire)) cycle();
-  // Until the arm has left its motion it is answered. Longer than ArmAnswer::kLongestStop, with the time that
-  // the arm needs to end a motion.
+  // Answers the arm until it has left its motion. Longer than ArmAnswer::kLongestStop plus the time that the
+  // arm needs to end a motion.
   constexpr double kEnd = 1.5;  // [s]
   const HostTime since = host_now();
   while (now_.state.mode == ArmMode::move && seconds(host_now() - since) < kEnd) cycle();

@@ -15,23 +15,23 @@
 namespace multipanda {
 
 fci::ArmMotion fci_motion(ArmDrive drive);
-// The fields of the wire for a command of a motion.
+// The wire fields of a motion's command.
 fci::RobotCommand fci_command(const InterfaceCommand& command);
 
-// One real arm whose packets a thread of its own answers at once, independent of the clock of the program
-// that commands it. Both sides exchange the newest order and the newest report without waiting.
+// One real arm whose packets are answered at once by a separate thread, independent of the commanding
+// program's clock. Both sides exchange the newest order and the newest report without waiting.
 class AnsweredArm {
  public:
-  // What the arm's thread publishes after each packet.
+  // Published by the arm's thread after each packet.
   struct Report {
     ArmState state;
     HardwareArms::Desired desired;
-    ArmDrive running = ArmDrive::none;  // takes commands of this kind
-    bool follows = false;               // the program's commands
+    ArmDrive running = ArmDrive::none;  // accepts commands of this kind
+    bool follows = false;               // follows the program's commands
     std::uint32_t holds = 0;            // ArmAnswer::holds()
   };
 
-  // `arm`: of the scene from which `config` was made. Of its limits and the robot's the tighter ones count.
+  // `arm`: of the scene from which `config` was made. The tighter limits of scene and robot apply.
   AnsweredArm(fci::FciArmConfig config, const SceneArm& arm, std::function<void(const std::string&)> report);
   ~AnsweredArm() { leave(); }
   AnsweredArm(const AnsweredArm&) = delete;
@@ -39,17 +39,17 @@ class AnsweredArm {
   // --- off the loop ---
   // Connects in the arm's thread, which then answers. The result is empty, or why it failed.
   std::future<std::string> enter();
-  // Ends the thread and the connection. Before, select no drive: an arm in a motion is stopped first.
+  // Ends the thread and the connection. Select no drive before: a moving arm is stopped first.
   void begin_leaving() { leaving_.store(true, std::memory_order_release); }
   void leave();  // waits for it
-  // The work of the thread, once: waits for a packet, at most the backend's silence, and answers it.
+  // One step of the thread: waits for a packet, at most as long as the backend allows, and answers it.
   void cycle();
 
   // --- the program's loop ---
   void set_drive(ArmDrive drive) noexcept;
   // The newest command of the drive.
   void command(std::int64_t stamp_ns, std::span<const double> values) noexcept;
-  bool take_report() noexcept { return reports_.take(); }  // whether report() is a newer one
+  bool take_report() noexcept { return reports_.take(); }  // whether there is a newer report()
   const Report& report() const noexcept { return reports_.value(); }
   // Whether the arm has ended a motion in hold since the last call, because the program was silent.
   bool take_restart() noexcept;
@@ -67,8 +67,8 @@ class AnsweredArm {
   TripleBuffer<Report> reports_;
   std::atomic<bool> leaving_{false};
 
-  ArmOrder order_;  // the program's loop
-  Report now_;      // the arm's thread
+  ArmOrder order_;  // used by the program's loop
+  Report now_;      // used by the arm's thread
   DesiredMotionState desired_;
   std::vector<ArmState> states_;
   std::vector<ArmCommand> torques_;

@@ -1,4 +1,4 @@
-// Real arms whose packets a thread per arm answers (AnsweredArm), as arms of a hardware component.
+// Real arms answered by a thread each (AnsweredArm), as arms of a hardware component.
 #include <algorithm>
 #include <mutex>
 #include <stdexcept>
@@ -11,7 +11,7 @@ namespace {
 
 using Arms = std::vector<std::unique_ptr<AnsweredArm>>;
 
-// The requests of all arms; states come from the arms' reports.
+// Requests of all arms; states come from the arms' reports.
 class AnsweredBackend final : public Backend {
  public:
   explicit AnsweredBackend(const Arms& arms) : arms_(arms) {}
@@ -74,7 +74,7 @@ class AnsweredArms final : public HardwareArms {
     std::vector<std::future<std::string>> results;
     try {
       for (const auto& arm : arms_) results.push_back(arm->enter());
-    } catch (...) {  // no thread for one of them
+    } catch (...) {  // no thread could be started for an arm
       disconnect();
       throw;
     }
@@ -135,7 +135,7 @@ class AnsweredArms final : public HardwareArms {
   void write(ArmSet effort, std::span<const ArmCommand> commands) noexcept override {
     for (ArmIndex i = 0; i < arms_.size(); ++i) {
       if (!effort.contains(i)) continue;
-      (void)arms_[i]->take_restart();  // torques count at once, faded in
+      (void)arms_[i]->take_restart();  // torques act at once, faded in
       const JointVector& tau = commands[i].tau_cmd;
       arms_[i]->command(stamp_ns_, std::span(tau.data(), static_cast<std::size_t>(tau.size())));
     }

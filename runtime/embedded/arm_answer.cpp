@@ -74,7 +74,7 @@ ArmAnswer::Kind ArmAnswer::step(const ArmOrder& order, const ArmState& state,
   }
   if (running != running_) {
     begin(running);
-    // A command of before the motion may be of any age: nobody took the commands meanwhile.
+    // A command from before the motion may have any age: nothing accepted commands then.
     number_ = order.number;
   }
   if (running == ArmDrive::none) {
@@ -116,7 +116,7 @@ void ArmAnswer::take(const ArmOrder& order) {
   number_ = order.number;
   const bool effort = running_ == ArmDrive::effort;
   if (effort ? torque_.fell_silent() : follower_.is_stopped()) {
-    // Commands count again once the program has begun again.
+    // Commands are used again once the program has resumed.
     if (order.resumed != holds_) return;
     effort ? torque_.resume() : follower_.resume();
   }

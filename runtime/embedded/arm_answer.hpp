@@ -1,32 +1,43 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
 
-#include "runtime/embedded/arm_drive.hpp"
 #include "runtime/embedded/command_follower.hpp"
 #include "runtime/embedded/torque_answer.hpp"
 
 namespace multipanda {
 
-// What a program requests of an arm: what drives it, and the newest command. Written by the program's loop,
-// read by the arm's thread.
+// What drives an arm of a hardware component: the claimed kind of command interfaces.
+enum class ArmDrive : std::uint8_t {
+  none,  // no controller: the arm holds itself
+  effort,
+  joint_position,
+  joint_velocity,
+  cartesian_pose,
+  cartesian_velocity
+};
+inline constexpr std::size_t kArmDrives = 6;
+
+// A program's requests to an arm: its drive and the newest command. Written by the program's loop, read by
+// the arm's thread.
 struct ArmOrder {
   std::uint32_t change = 0;  // counts selections of a drive
   ArmDrive drive = ArmDrive::none;
   std::uint64_t number = 0;   // counts commands since the selection; 0: none yet
-  std::uint32_t resumed = 0;  // of ArmAnswer::holds(): the program knows of so many
+  std::uint32_t resumed = 0;  // value of ArmAnswer::holds() known to the program
   std::int64_t stamp_ns = 0;  // the program's clock
   std::array<double, SampleTrack::kValues> values{};
 };
 
-// Answers every packet of one arm, whatever the program behind the orders does: with its newest command while
-// that is recent; while another drive is selected, until the arm has left its motion, with joint damping
-// about the present posture (effort) or a stop within the limits (motions); and so when the program is
-// silent. The next motion is requested once the arm is at rest, at the latest after kLongestStop. A motion
-// begins held: only commands that were written since count, and torques fade in.
+// Answers every packet of one arm, whatever the commanding program does: with its newest command while that
+// is recent; after a change of drive or when the program is silent, until the arm has left its motion, with
+// joint damping about the present posture (effort) or a stop within the limits (motions). The next motion is
+// requested once the arm is at rest, at the latest after kLongestStop. A motion begins in hold: only commands
+// written since then count, and torques fade in.
 //
 // The arm's thread, once per packet; nothing allocates.
 class ArmAnswer {
@@ -38,18 +49,18 @@ class ArmAnswer {
             const ArmLimits* scene = nullptr);
 
   enum class Kind : std::uint8_t { none, torque, motion };
-  // `running`: the motion in which the arm takes commands, by its newest packet; none: it takes none.
+  // `running`: the motion in which the arm accepts commands, from its newest packet; none: no motion.
   Kind step(const ArmOrder& order, const ArmState& state, const DesiredMotionState& desired,
             ArmDrive running) noexcept;
   const JointVector& torque() const { return tau_; }
   const InterfaceCommand& motion() const { return command_; }
-  // A connection begins: no motion is requested of the arm.
+  // A new connection: no motion is requested yet.
   void reset();
-  // The motion to request of the arm, once per change.
+  // The motion to request from the arm, once per change.
   std::optional<ArmDrive> take_request();
 
-  bool follows() const { return follows_; }       // the program's commands
-  std::uint32_t holds() const { return holds_; }  // how often the program fell silent in a motion
+  bool follows() const { return follows_; }       // follows the program's commands
+  std::uint32_t holds() const { return holds_; }  // how often the program became silent in a motion
 
  private:
   void begin(ArmDrive running);
@@ -64,11 +75,11 @@ class ArmAnswer {
   std::uint32_t change_ = 0, holds_ = 0;
   std::uint64_t number_ = 0;
   ArmDrive requested_ = ArmDrive::none;  // by the program
-  ArmDrive asked_ = ArmDrive::none;      // of the arm
+  ArmDrive asked_ = ArmDrive::none;      // from the arm
   ArmDrive running_ = ArmDrive::none;
   std::optional<ArmDrive> request_;
   bool leaving_ = false, follows_ = false;
-  bool silent_ = false;  // the program, in this motion, and was not resumed; or the motion is being left
+  bool silent_ = false;  // the program is silent and was not resumed, or the motion is being left
   int leaving_for_ = 0;  // periods
 };
 

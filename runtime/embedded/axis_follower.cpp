@@ -33,7 +33,7 @@ Gains velocity_gains() {
 
 const Gains kPositionGains = position_gains(), kVelocityGains = velocity_gains();
 
-// The rate at which an error is reduced so that it can end at zero with a rate of change of at most `most`:
+// The rate at which an error is reduced so that it reaches zero with a rate of change of at most `most`:
 // linear near zero, a square root beyond.
 double braked(double error, double gain, double most) {
   const double size = std::abs(error), linear = most / (gain * gain);
@@ -67,7 +67,7 @@ void advance_axis(const AxisLimits& limits, const Gains& gains, double v_d, Axis
   double a = s.a + std::clamp(kArmPeriod * gains.acceleration * (a_d - s.a), -step, step);
   a = std::min(a, towards_velocity(limits, above, s.v));
   a = std::max(a, -towards_velocity(limits, below, -s.v));
-  // The jerk comes first: a larger one stops the arm at once.
+  // The jerk limit takes precedence: a larger jerk stops the arm at once.
   s.a = std::clamp(a, s.a - step, s.a + step);
   s.v += kArmPeriod * s.a;
   s.x += kArmPeriod * s.v;
@@ -83,8 +83,8 @@ double lower_velocity(const AxisLimits& limits, double x) noexcept {
 }
 
 void follow_position(const AxisLimits& limits, double x_d, double v_d, AxisState& state) noexcept {
-  // Beyond an end, the reference may ask for a way back, but an end alone moves nothing. A reference that is
-  // beyond what can be followed does not lend its velocity.
+  // Beyond an end, the reference may lead back, but the end alone causes no motion. The velocity of an
+  // unreachable reference is ignored.
   const double within = std::clamp(x_d, std::min(limits.lower, state.x), std::max(limits.upper, state.x));
   v_d = within == x_d ? std::clamp(v_d, -limits.velocity, limits.velocity) : 0;
   x_d = within;

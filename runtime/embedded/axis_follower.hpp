@@ -2,23 +2,24 @@
 
 #include <limits>
 
-// One coordinate of a desired motion that follows a reference within limits. No state of its own, any thread,
-// nothing allocates.
+// One coordinate of a desired motion that follows a reference within limits. Stateless, any thread, no
+// allocation. Separate from FollowingMotion (core/controllets), which limits lengths of vectors: an arm's
+// interface checks the backward differences of each coordinate, and its ranges.
 namespace multipanda {
 
 // Of one coordinate, in its unit u (rad, m) per s, s^2, s^3.
 struct AxisLimits {
   double velocity = 0, acceleration = 0, jerk = 0;  // > 0
-  // Largest velocity, beyond the reference's own, at which a distance to the reference is made up: a
-  // reference that jumps is approached slowly.
+  // Largest velocity, in addition to the reference's, for reducing the distance to the reference: jumps are
+  // approached slowly.
   double catch_up = 0;  // [u/s]
   // The range of positions. Towards an end, at the distance d from it, the velocity is at most
-  // sqrt(2 deceleration d + offset^2) - offset. Beyond an end only the way back is open, on request.
+  // sqrt(2 deceleration d + offset^2) - offset. Beyond an end only a return is possible, on request.
   double lower = -std::numeric_limits<double>::infinity(), upper = std::numeric_limits<double>::infinity();
   double deceleration = 1, offset = 0.1;  // > 0 [u/s^2, u/s]
 };
 
-// What the arm uses: backward differences over one period, so v = (x - x_before) / T, a = (v - v_before) / T.
+// Differences used by the arm: backward over one period, so v = (x - x_before) / T, a = (v - v_before) / T.
 struct AxisState {
   double x = 0, v = 0, a = 0;
 };

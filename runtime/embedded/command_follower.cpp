@@ -11,18 +11,14 @@ namespace multipanda {
 namespace {
 
 // The arm's echo of a command, in single precision: numbers below 4 are rounded by up to 1.2e-7. A lost
-// command that is taken for an echo costs up to 3 kEchoed / T^3 of the jerk, and a needless fresh start half
-// of that.
+// command taken for an echo costs up to 3 kEchoed / T^3 of jerk, an unnecessary restart half of that.
 constexpr double kEchoed = 2.5e-7;  // [rad, rad/s, m, 1]
-// A reference that moves faster than this share of the limit has jumped: it has no velocity.
+// A reference faster than this share of the limit has jumped: its velocity is ignored.
 constexpr double kJumpShare = 1.2;
 
-using ConstTransform = Eigen::Map<const Eigen::Matrix4d>;
-
-// The nearest rotation; the arm's own are rounded to single precision.
+// The nearest rotation; the arm's rotations have single precision.
 Matrix3 rotation_of(const std::array<double, 16>& column_major) {
-  const Matrix3 R = ConstTransform(column_major.data()).topLeftCorner<3, 3>();
-  return Quaternion(R).normalized().toRotationMatrix();
+  return pose_of(column_major).quaternion().normalized().toRotationMatrix();
 }
 
 template <std::size_t A, std::size_t B>
@@ -33,7 +29,7 @@ bool echoes(const std::array<double, A>& a, const std::array<double, B>& b, std:
   return true;
 }
 
-// Velocity between two values; none if it is a jump.
+// Velocity between two values; zero for a jump.
 double velocity_of(double difference, double gap, const AxisLimits& limits) {
   if (gap <= 0) return 0;
   const double v = difference / gap;
@@ -67,7 +63,7 @@ FollowerLimits FollowerLimits::of(const RobotDescription& robot, const ArmLimits
     axis.deceleration = kBrakes * axis.acceleration;
     axis.offset = axis.deceleration / kEndRate;
     if (tied) {
-      // No velocity is left where the arm's curve reaches zero.
+      // The velocity is zero where the arm's curve reaches zero.
       const double stop = tied->offset[i] * tied->offset[i] / (2 * tied->deceleration[i]);
       axis.lower = std::max(axis.lower, tied->q_min[i] + stop + kMargin);
       axis.upper = std::min(axis.upper, tied->q_max[i] - stop - kMargin);
@@ -118,8 +114,8 @@ bool CommandFollower::is_at_rest() const {
                      [](const AxisState& axis) { return std::abs(axis.v) < 1e-3 && std::abs(axis.a) < 0.5; });
 }
 
-// Whether the arm goes on from the command sent last: its packet shows that one, or an earlier one, so that
-// the last is on its way. Otherwise commands were lost, and the arm has extrapolated.
+// Whether the arm continues from the last command: its packet shows that one, or an earlier one while the
+// last is in transit. Otherwise commands were lost, and the arm has extrapolated.
 bool CommandFollower::shows_sent(const DesiredMotionState& desired) {
   if (!begun_) return false;
   for (std::size_t age = 0; age < sent_.size(); ++age) {
@@ -129,8 +125,8 @@ bool CommandFollower::shows_sent(const DesiredMotionState& desired) {
                        : motion_ == FollowedMotion::cartesian_pose ? echoes(sent, desired.O_T_EE_c, 16)
                                                                    : echoes(sent, desired.O_dP_EE_c, 6);
     if (!shown) continue;
-    // A command that differs from its neighbors shows the arm's lag. An older one where none is to be
-    // expected is the extrapolation of a constant motion.
+    // A command that differs from its neighbors reveals the arm's lag. An unexpectedly old one is the
+    // extrapolation of a constant motion.
     if (lag_known_ && static_cast<int>(age) > lag_) break;
     if (!lag_known_ && age + 1 < sent_.size() && !echoes(sent, sent_[age + 1], sent.size())) {
       lag_ = static_cast<int>(age);
@@ -139,14 +135,14 @@ bool CommandFollower::shows_sent(const DesiredMotionState& desired) {
     unknown_ = 0;
     return true;
   }
-  // Where packets show commands later, the next command was sent before the loss could be seen.
+  // With lagging packets, the next command was sent before a loss could be seen.
   if (++unknown_ <= lag_) return true;
   unknown_ = 0;
   return false;
 }
 
-// The motion that the next command continues: exactly the one sent, or what the arm publishes, continued with
-// its acceleration until the packet that the command answers.
+// The motion continued by the next command: the last one sent, or the published motion, extrapolated with its
+// acceleration to the packet that the command answers.
 void CommandFollower::take_base(const DesiredMotionState& desired) {
   const bool known = shows_sent(desired);
   if (motion_ == FollowedMotion::joint_velocity) {
@@ -206,30 +202,30 @@ void CommandFollower::follow_joints(const SampleTrack::Place& place) {
 }
 
 void CommandFollower::follow_pose(const SampleTrack::Place& place) {
-  const ConstTransform from(place.from->values.data()), to(place.to->values.data());
   const Matrix3 R_from = rotation_of(place.from->values), R_to = rotation_of(place.to->values);
   const Vector3 turn = log_rotation(R_to * R_from.transpose());
-  const Vector3 way = to.topRightCorner<3, 1>() - from.topRightCorner<3, 1>();
+  const Vector3 from = pose_of(place.from->values).position;
+  const Vector3 way = pose_of(place.to->values).position - from;
   const double kept = kept_velocity(place.beyond), distance = kept_distance(place.beyond);
   Vector3 v, w;
   for (Eigen::Index i = 0; i < 3; ++i) {
     v[i] = velocity_of(way[i], place.gap, limits_.linear);
     w[i] = velocity_of(turn[i], place.gap, limits_.angular);
   }
-  const Vector3 p = from.topRightCorner<3, 1>() + place.share * way + distance * v;
+  const Vector3 p = from + place.share * way + distance * v;
   const Matrix3 R = exp_rotation(place.share * turn + distance * w) * R_from;
   const Vector3 error = log_rotation(R * rotation_.transpose());
   for (std::size_t i = 0; i < 3; ++i) {
     const auto k = static_cast<Eigen::Index>(i);
     follow_position(limits_.linear, p[k], kept * v[k], axes_[i]);
-    // The rotation that is left, about each axis of the base.
+    // Remaining rotation about each axis of the base.
     AxisState& axis = axes_[3 + i];
     axis.x = 0;
     follow_position(limits_.angular, error[k], kept * w[k], axis);
   }
 }
 
-// The rotation moves for a period.
+// Advances the rotation by one period.
 void CommandFollower::turn() {
   const Vector3 w(axes_[3].v, axes_[4].v, axes_[5].v);
   rotation_ = Quaternion(Matrix3(exp_rotation(kArmPeriod * w) * rotation_)).normalized().toRotationMatrix();

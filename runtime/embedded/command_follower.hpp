@@ -4,8 +4,8 @@
 #include <cstdint>
 #include <span>
 
+#include "arm_interface/arm_interface.hpp"
 #include "core/model/arm_model.hpp"
-#include "device/arm_interface.hpp"
 #include "runtime/embedded/axis_follower.hpp"
 #include "runtime/embedded/sample_track.hpp"
 
@@ -13,24 +13,24 @@ namespace multipanda {
 
 struct RobotDescription;
 
-// Limits of a desired motion, below those that the arm checks, and within those that its scene tightens.
+// Limits of a desired motion: below those checked by the arm, and within those tightened by its scene.
 struct FollowerLimits {
-  // Fractions of the arm's limits. The rest is for the rounding of published values.
+  // Fractions of the arm's limits. The rest allows for rounding of published values.
   static constexpr double kVelocity = 0.95, kAcceleration = 0.9, kJerk = 0.8;
   static constexpr double kCatchUp = 0.25;                              // [rad/s]
   static constexpr double kCatchUpLinear = 0.1, kCatchUpAngular = 0.4;  // [m/s, rad/s]
-  // The Cartesian interface also checks the joints' velocities and accelerations, which depend on the pose.
-  // These fractions keep them where the arm is not near a singular pose.
+  // The Cartesian interface also checks joint velocities and accelerations, which depend on the pose. These
+  // fractions respect them away from singular poses.
   static constexpr double kCartesianVelocity = 0.5, kCartesianAcceleration = 0.2, kCartesianJerk = 0.2;
 
   std::array<AxisLimits, kMaxJoints> joints{};
-  AxisLimits linear, angular;  // of each axis; their norms keep the limits, too
+  AxisLimits linear, angular;  // of each axis; their norms also keep the limits
 
-  // `scene`: the limits of the arm's scene, of which the tighter ones count; none: those of the robot.
+  // `scene`: the limits of the arm's scene, of which the tighter ones apply; none: those of the robot.
   static FollowerLimits of(const RobotDescription& robot, const ArmLimits* scene = nullptr);
 };
 
-// The desired motion as the arm publishes it in its newest packet: the base of the next command.
+// The desired motion published in the arm's newest packet: the base of the next command.
 struct DesiredMotionState {
   std::array<double, kMaxJoints> q_d{}, dq_d{}, ddq_d{};
   std::array<double, 16> O_T_EE_c{};  // column-major
@@ -44,7 +44,7 @@ enum class FollowedMotion : std::uint8_t {
   cartesian_velocity
 };
 
-// Makes the commands of one arm's motion from those of a program with another clock: resampled on the arm's
+// Converts commands of a program with another clock to commands of one arm's motion: resampled on the arm's
 // clock (SampleTrack), low-pass filtered, and limited in velocity, acceleration and jerk against the motion
 // that the arm publishes, so that no jump, late command or lost packet is a discontinuity for the arm. A jump
 // is approached slowly. Without new commands the motion continues for kKeptMotion, then slows down, and after
@@ -57,20 +57,20 @@ class CommandFollower {
 
   CommandFollower(const FollowerLimits& limits, std::size_t joints) : limits_(limits), joints_(joints) {}
 
-  // A motion of this kind begins where the next packet shows it.
+  // A motion of this kind begins at the pose in the next packet.
   void begin(FollowedMotion motion);
   // The program's newest command, stamped with its clock: joint positions or velocities, a column-major
   // transform or a twist.
   void push(std::int64_t stamp_ns, std::span<const double> values);
   // Stops within the limits, until resume().
   void stop() { stopped_ = true; }
-  // Later commands are followed again, from where the arm is.
+  // Follows later commands again, from the arm's present position.
   void resume();
 
   // The answer to a packet that shows `desired`.
   void step(const DesiredMotionState& desired, InterfaceCommand& command) noexcept;
 
-  // Whether commands are followed: there are some, and neither stop() nor silence ended it.
+  // Whether commands are followed: there are some, and neither stop() nor silence ended the motion.
   bool follows() const { return !stopped_ && !track_.empty(); }
   bool is_stopped() const { return stopped_; }
   bool is_at_rest() const;
@@ -99,11 +99,11 @@ class CommandFollower {
   int silent_ = 0;                            // periods since the newest command
   std::array<AxisState, kMaxJoints> axes_{};  // joints, or the axes of the base: position, rotation
   Matrix3 rotation_ = Matrix3::Identity();
-  // The commands sent last, newest first, and how many packets later the arm shows one.
+  // The last commands, newest first, and the number of packets until the arm shows one.
   std::array<std::array<double, 16>, 3> sent_{};
   int lag_ = 0;
-  bool lag_known_ = false;  // seen in motion; it is the arm's, not the motion's
-  int unknown_ = 0;         // packets in a row that show none of them
+  bool lag_known_ = false;  // measured in motion; a property of the arm, not of the motion
+  int unknown_ = 0;         // consecutive packets that match none of them
 };
 
 }  // namespace multipanda

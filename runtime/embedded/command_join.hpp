@@ -26,7 +26,7 @@ class CommandJoin {
 
   enum class Result : std::uint8_t { waiting, following, not_finite };
 
-  // Commands count from now on. `after_fault`: commands from before the fault are not resumed.
+  // Commands are used from now on. `after_fault`: commands from before the fault are not resumed.
   void begin(bool after_fault) {
     stage_ = Stage::fresh;
     after_fault_ = after_fault;
@@ -42,7 +42,7 @@ class CommandJoin {
 
  private:
   enum class Stage : std::uint8_t { fresh, waiting, following };
-  double fade(double dt);  // fraction of the command that counts, 0 to 1
+  double fade(double dt);  // weight of the command, 0 to 1
 
   Stage stage_ = Stage::fresh;
   bool after_fault_ = false;

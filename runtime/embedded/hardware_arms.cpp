@@ -3,22 +3,13 @@
 #include <algorithm>
 
 #include "backends/mujoco/mujoco_backend.hpp"
+#include "common/machine.hpp"
 #include "fci/client/fci_backend.hpp"
 #include "fci/client/from_scene.hpp"
 #include "runtime/embedded/answered_arm.hpp"
-#include "support/address.hpp"
 
 namespace multipanda {
 namespace {
-
-using Transform = Eigen::Map<Eigen::Matrix4d>;
-
-void put(const Pose& X, std::array<double, 16>& column_major) {
-  Transform T(column_major.data());
-  T.setIdentity();
-  T.block<3, 3>(0, 0) = X.rotation;
-  T.block<3, 1>(0, 3) = X.position;
-}
 
 MotionRequest motion_of(ArmDrive drive) {
   const bool joints = drive == ArmDrive::joint_position || drive == ArmDrive::joint_velocity;
@@ -42,13 +33,13 @@ class MujocoArms final : public HardwareArms {
     SimulatedArm& behavior = backend_.arm(arm);
     if (behavior.mode() == ArmMode::move) return behavior.interface().generator == generator_of(drive);
     if (behavior.mode() == ArmMode::idle) (void)behavior.start_motion(motion_of(drive));
-    return false;  // the next state reports it
+    return false;  // reported with the next state
   }
   Desired desired(ArmIndex arm) const noexcept override {
     const InterfaceState& state = backend_.arm(arm).interface();
     Desired desired;
     std::copy(state.q_d.begin(), state.q_d.end(), desired.q_d.begin());
-    put(state.X_BE_d, desired.O_T_EE_d);
+    desired.O_T_EE_d = column_major(state.X_BE_d);
     return desired;
   }
   void command(ArmIndex arm, const InterfaceCommand& command) noexcept override {
@@ -72,12 +63,12 @@ std::vector<fci::FciArmConfig> waiting_arms(const Scene& scene) {
     if (!is_on_this_computer(arm.fci->address)) {
       throw std::invalid_argument(
           "arm '" + arm.name + "' is at " + arm.fci->address +
-          ", and a real arm does not wait for commands: leave 'lockstep' out; virtual arms "
-          "that wait (virtual-arm --pace lockstep) are expected on this computer, at "
+          ", and a real arm does not wait for commands: omit 'lockstep'; virtual arms that wait (virtual-arm "
+          "--pace lockstep) are expected on this computer, at "
           "127.x.y.z");
     }
     arms.push_back(fci::fci_arm_config(arm, arm.fci->address));
-    arms.back().limit_rate = true;  // any controller may command them, behind no safety stage
+    arms.back().limit_rate = true;  // any controller may command them, without a safety stage
   }
   return arms;
 }
@@ -90,7 +81,7 @@ class LockstepArms final : public HardwareArms {
   Backend& backend() override { return backend_; }
   void connect() override { backend_.start(); }
   void disconnect() override { backend_.finish(); }
-  // Reads once per write; a caller that reads repeatedly before it writes answers all packets that came.
+  // Reads once per write; a caller that reads repeatedly before it writes answers all received packets.
   ArmSet update() noexcept override {
     const ArmSet fresh = backend_.wait_until(HostTime{});
     due_ |= fresh;

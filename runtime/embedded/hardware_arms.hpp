@@ -6,9 +6,9 @@
 #include <memory>
 #include <string>
 
+#include "arm_interface/arm_interface.hpp"
 #include "core/cycle/backend.hpp"
-#include "device/arm_interface.hpp"
-#include "runtime/embedded/arm_drive.hpp"
+#include "runtime/embedded/arm_answer.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
@@ -22,25 +22,25 @@ class HardwareArms {
  public:
   virtual ~HardwareArms() = default;
   virtual Backend& backend() = 0;
-  const Backend& backend() const { return const_cast<HardwareArms*>(this)->backend(); }
 
   // Off the loop. connect() throws std::runtime_error with the remedy.
   virtual void connect() = 0;
   virtual void disconnect() = 0;
 
-  // Takes what has arrived, without waiting. Returns the arms that have a new state.
+  // Takes received packets without waiting. Returns the arms with a new state.
   virtual ArmSet update() noexcept = 0;
-  // The clock of the commands that follow; returns the time since the last ones [s]. Simulated arms have the
-  // clock of the commands.
+  // Sets the clock of the following commands; returns the time since the last ones [s]. Simulated arms use
+  // this clock.
   virtual double set_time(std::int64_t /*stamp_ns*/) noexcept { return kArmPeriod; }
-  // Selects what drives the arm from now on. Simulated arms: at once; real arms: by their own thread.
+  // Selects the arm's drive from now on. Simulated arms: at once; real arms: by their own thread.
   virtual void set_drive(ArmIndex arm, ArmDrive drive) noexcept = 0;
-  // Once per write(), for drives other than effort and none: returns whether the arm takes commands of
+  // Once per write(), for drives other than effort and none: returns whether the arm accepts commands of
   // this drive.
   virtual bool is_driven(ArmIndex arm, ArmDrive drive) noexcept = 0;
-  // Whether the arm's motion ended in hold since the last call, because no commands came: they begin again.
+  // Whether the arm's motion ended in hold since the last call because commands were missing; they may
+  // start again.
   virtual bool take_restart(ArmIndex /*arm*/) noexcept { return false; }
-  // Whether an arm that is driven follows the commands.
+  // Whether a driven arm follows the commands.
   virtual bool follows(ArmIndex /*arm*/) const noexcept { return true; }
   // The arm's own desired motion.
   struct Desired {
@@ -59,12 +59,12 @@ class HardwareArms {
 
 // Arms in MuJoCo, which advance by 1 ms per update(). Throws std::invalid_argument.
 std::unique_ptr<HardwareArms> mujoco_arms(const Scene& scene);
-// Real arms, or virtual ones behind the same protocol, each answered by a thread of its own (AnsweredArm).
+// Real arms, or virtual ones behind the same protocol, each answered by its own thread (AnsweredArm).
 // `report` receives unsolicited messages, from threads of the arms.
 std::unique_ptr<HardwareArms> answered_arms(const Scene& scene,
                                             std::function<void(const std::string&)> report);
 // Virtual arms that wait for each command, in lock-step: each write() answers the packets of the last read().
-// Refuses arms at other computers: they have clocks of their own and would miss commands.
+// Refuses arms on other computers, whose independent clocks would make them miss commands.
 std::unique_ptr<HardwareArms> lockstep_arms(const Scene& scene,
                                             std::function<void(const std::string&)> report);
 

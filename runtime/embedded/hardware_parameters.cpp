@@ -5,9 +5,9 @@
 
 #include <yaml-cpp/yaml.h>
 
-#include "scene/carried_arms.hpp"
+#include "common/spelling.hpp"
+#include "scene/build.hpp"
 #include "scene/load.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -93,7 +93,7 @@ void check_addresses(const Scene& scene, bool real) {
     if (!real && arm.fci) {
       throw std::invalid_argument("arm '" + arm.name +
                                   "' has an address, but this hardware simulates: use "
-                                  "multipanda_hardware/FciSystem, or leave the address out");
+                                  "multipanda_hardware/FciSystem, or omit the address");
     }
   }
 }
@@ -113,7 +113,7 @@ Scene hardware_scene(const std::map<std::string, std::string>& parameters, bool 
       known.insert(known.end(), others.begin(), others.end());
       refuse(name, "unknown" + name_hint(head, known, ""));
     }
-    if (whole && name != "scene") refuse(name, "the parameter 'scene' is set: give it in that scene");
+    if (whole && name != "scene") refuse(name, "the parameter 'scene' is set: define it in that scene");
     if (name == "arm_names") {
       flat.emplace_back(name, split(text));
     } else if (name != "scene") {

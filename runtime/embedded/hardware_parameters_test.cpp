@@ -49,7 +49,7 @@ TEST(HardwareParameters, DescribeASceneAlsoInTheReferenceSystemsTerms) {
   EXPECT_THAT(refusal({{"arm_names", "left"}, {"arms.left.fci", "1.2.3.4"}}, false), HasSubstr("FciSystem"));
   EXPECT_THAT(refusal({{"arm_name", "left"}}, false), HasSubstr("did you mean 'arm_names'"));
   EXPECT_THAT(refusal({{"scene", "two_arms"}, {"arm_names", "left"}}, false),
-              HasSubstr("give it in that scene"));
+              HasSubstr("define it in that scene"));
   EXPECT_THAT(refusal({{"robot_count", "2"}, {"ns_1", "left"}}, false), HasSubstr("ns_2"));
   EXPECT_THAT(refusal({{"robot_count", "two"}}, false), HasSubstr("whole number"));
 }

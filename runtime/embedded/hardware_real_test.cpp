@@ -155,7 +155,7 @@ TEST(LockstepArms, AreOnThisComputer) {
   EXPECT_EQ(refusal("127.0.0.2"), "");
   for (const char* real : {"172.16.0.2", "127.arm.example"}) {
     EXPECT_THAT(refusal(real), testing::AllOf(testing::HasSubstr("'left'"), testing::HasSubstr(real),
-                                              testing::HasSubstr("leave 'lockstep' out")));
+                                              testing::HasSubstr("omit 'lockstep'")));
   }
 }
 

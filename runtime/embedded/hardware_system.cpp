@@ -95,7 +95,7 @@ void HardwareSystem::connect() {
   hardware_->connect();
   connected_ = true;
   for (Arm& arm : arms_) arm.shared_value = to_interface(&arm.shared);
-  // Waits for the first states: other components read them when they start.
+  // Waits for the first states, which other components read at their start.
   constexpr double kTimeout = 1;  // [s]
   const HostTime start = host_now();
   const auto complete = [this] {
@@ -204,9 +204,12 @@ void HardwareSystem::perform_switch(const std::vector<std::string>& start,
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
     Arm& arm = arms_[i];
     ArmDrive drive{};
-    if (!drive_of(arm, arm.claims, drive)) drive = ArmDrive::none;  // not prepared: no controller drives it
+    if (!drive_of(arm, arm.claims, drive))
+      drive = ArmDrive::none;  // not prepared: no controller drives the
+                               // arm
     if (released_) continue;
-    // A claim of the same kind by another controller is a start, too; interfaces in use keep their commands.
+    // A claim of the same kind by another controller also counts as a start; interfaces in use keep
+    // their commands.
     if (drive == arm.drive) continue;
     arm.drive = drive;
     arm.was_driven = arm.has_driven = arm.had_fault = false;
@@ -217,7 +220,7 @@ void HardwareSystem::perform_switch(const std::vector<std::string>& start,
   }
 }
 
-// Earlier commands are no longer valid: each starts where the arm is.
+// Earlier commands are no longer valid: each starts at the arm's present value.
 void HardwareSystem::seed(ArmIndex index) {
   Arm& arm = arms_[index];
   const HardwareArms::Desired desired = hardware_->desired(index);
@@ -343,7 +346,7 @@ void HardwareSystem::drive_arm(ArmIndex index) {
       return;
   }
   if (result == CommandJoin::Result::not_finite) {
-    // Not a valid command. The arm stops; the next switch selects its drive again.
+    // Invalid command. The arm stops; the next switch selects its drive again.
     hardware_->stop(index);
     arm.drive = ArmDrive::none;
     return;

@@ -26,8 +26,8 @@ struct HardwareNumber {
   std::string full_name() const { return prefix + "/" + name; }
 };
 
-// A ros2_control hardware component without ROS: any number of simulated or real arms, their numbers, and
-// which kind of command drives which arm. docs/ros2_control.md lists the interfaces.
+// A ros2_control hardware component without ROS: any number of simulated or real arms, their exported
+// numbers, and the kind of command that drives each arm. docs/ros2_control.md lists the interfaces.
 //
 //   off the loop   constructor, connect(), disconnect(), prepare_switch()
 //   host's loop    activate(), deactivate(), perform_switch(), read(), write(): no allocation, lock or wait
@@ -60,18 +60,17 @@ class HardwareSystem {
   // ignored). Otherwise sets `why`. Changes nothing else.
   bool prepare_switch(const std::vector<std::string>& start, const std::vector<std::string>& stop,
                       std::string& why) const;
-  // Performs a prepared switch: changes what drives the arms; the commands start at the current positions.
+  // Performs a prepared switch of drives; commands start at the current positions.
   void perform_switch(const std::vector<std::string>& start, const std::vector<std::string>& stop) noexcept;
   // Releases all arms.
   void deactivate() noexcept;
 
   enum class Result : std::uint8_t {
     ok,
-    lost  // no arm is left: all connections are lost, or the simulation failed (fault())
+    lost  // no arm left: all connections are lost, or the simulation failed (fault())
   };
   Result read() noexcept;
-  // `stamp_ns`: the clock by which the commands were computed; only differences count. Without it they count
-  // as computed now.
+  // `stamp_ns`: time of the commands' computation; only differences matter. Without it, now.
   Result write(std::int64_t stamp_ns) noexcept;
   Result write() noexcept { return write(host_now().ns); }
   std::string fault() const;
@@ -109,8 +108,8 @@ class HardwareSystem {
     Claims claims;
     ArmDrive drive = ArmDrive::none;
     CommandJoin join;
-    bool was_driven = false;  // its commands went to the arm in the last write()
-    bool has_driven = false;  // they did so once since the drive was selected
+    bool was_driven = false;  // its commands were sent to the arm in the last write()
+    bool has_driven = false;  // the same, once since the drive was selected
     bool had_fault = false;   // since the drive was selected
     InterfaceCommand command;
   };
@@ -139,14 +138,14 @@ class HardwareSystem {
   std::vector<ArmState> read_;
   std::vector<ArmCommand> torques_;
   bool connected_ = false;
-  bool released_ = false;       // disconnect_later() closes, or has closed
+  bool released_ = false;       // disconnect_later() is closing or has closed
   double passed_ = kArmPeriod;  // between the last two writes, for fading in [s]
 
   // For run_context(), built on demand.
   std::unique_ptr<Registry> registry_;
   std::unique_ptr<ControlCycle> resting_;
 
-  TearDown tear_down_;  // ends before what it uses
+  TearDown tear_down_;  // destroyed before what it uses
 };
 
 }  // namespace multipanda

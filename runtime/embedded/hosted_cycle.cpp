@@ -25,6 +25,7 @@ HostedCycle::HostedCycle(Scene scene, const Registry& registry, HostedOptions op
   }
   backend_ = std::make_unique<InterfaceBackend>(std::move(arms), options_.period_s);
   cycle_ = std::make_unique<ControlCycle>(config, registry, *backend_);
+  if (options_.stop_after_gaps) modes().stop_after_gaps();
   modes().schedule(build_schedule(scene_, modes()));
   start_set_ = start_set(scene_, modes());
   modes().activate_at_start(start_set_);  // in the first step; arms that are not ready then start later
@@ -60,7 +61,7 @@ void HostedCycle::activate() noexcept {
   taking_.fill(0);
   took_ = {};
   activated_ = cycle_->data().tick.t;
-  modes().begin_anew();  // what was asked of an inactive controller does not move its arms
+  modes().begin_anew();  // requests to an inactive controller must not move its arms
   modes().start_when_ready(start_set_);
   active_.store(true, std::memory_order_release);
 }
@@ -72,8 +73,8 @@ bool HostedCycle::step(double period_s) noexcept {
   return any;
 }
 
-// Returns, in `ready`, the arms that controllets of the start may use from the next step on. False: no arm
-// can be commanded.
+// Sets `ready` to the arms that initially active controllets may use from the next step on. Returns false if
+// no arm can be commanded.
 bool HostedCycle::watch_arms() {
   const auto& states = cycle_->data().state;
   const auto& conditions = cycle_->data().condition;
@@ -88,7 +89,7 @@ bool HostedCycle::watch_arms() {
     any = any || takes || states[i].mode == ArmMode::recovering;
   }
   const bool late = seconds(cycle_->data().tick.t - activated_) > kTimeout;
-  // afterwards only a request activates them
+  // later only a request activates them
   modes().give_up_starts(late ? ArmSet::all(states.size()) : lost);
   modes().set_ready(settled);
   return any;

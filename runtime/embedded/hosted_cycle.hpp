@@ -21,6 +21,7 @@ namespace multipanda {
 struct HostedOptions {
   std::vector<HostedArm> arms;                   // in the scene's order
   double period_s = kArmPeriod;                  // of the host's loop
+  bool stop_after_gaps = true;                   // that loop follows the wall clock, not a simulation's
   MakeRunAdapter make_adapter;                   // none: no adapter
   std::size_t ring_cycles = 2048;                // capacity for records that wait for the relay
   std::optional<HostedTraceOptions> trace = {};  // measures the first activation
@@ -36,13 +37,13 @@ struct HostedOptions {
 // The constructor builds everything; the cycle may be activated any number of times. In the very first
 // step, the scene's `active` controllets start from the measured state. At every later activation, and for
 // arms that do not take commands yet, the arms are held at their measured positions; each controllet starts
-// after its arms have taken commands for kSettled steps. The loop decides this itself, after all requests of
-// that cycle boundary. An arm that was switched, stopped, resumed or lost since the activation, or that needs
-// longer than kTimeout, stays as it is.
+// after its arms have taken commands for kSettled steps. The loop decides this after all requests of that
+// cycle boundary. An arm that was switched, stopped, resumed or lost since the activation, or that needs
+// longer than kTimeout, is left unchanged.
 class HostedCycle {
  public:
-  // Throws std::invalid_argument if arms, models and controllets do not fit together, and the adapter's
-  // exceptions and the trace's. `registry` must outlive the cycle.
+  // Throws std::invalid_argument if arms, models and controllets are inconsistent, and exceptions of the
+  // adapter and the trace. `registry` must outlive the cycle.
   HostedCycle(Scene scene, const Registry& registry, HostedOptions options);
   ~HostedCycle();
   HostedCycle(const HostedCycle&) = delete;
@@ -66,7 +67,7 @@ class HostedCycle {
   // Performs one step, `period_s` after the last; uses the nominal period if that is not positive. Writes the
   // commands to the signals. Returns false if no arm can be commanded (all are in error, silent or lost).
   bool step(double period_s) noexcept;
-  // Writes commands that leave the arms safe to the signals.
+  // Writes safe commands to the signals.
   void deactivate() noexcept;
   bool is_active() const { return active_.load(std::memory_order_acquire); }
   const CycleData& data() const { return cycle_->data(); }
@@ -89,16 +90,16 @@ class HostedCycle {
   std::unique_ptr<InterfaceBackend> backend_;
   std::unique_ptr<ControlCycle> cycle_;
   std::unique_ptr<RunAdapter> adapter_;
-  std::unique_ptr<HostedTrace> trace_;  // nullptr: not asked for
+  std::unique_ptr<HostedTrace> trace_;  // nullptr: not requested
 
   std::atomic<bool> active_{false};
   InstanceSet start_set_ = 0;
 
-  // Host's loop, for the current activation. ArmCondition does not tell this: it remembers the cycle before
-  // an activation, after which an arm was perhaps in other hands for hours.
+  // Host's loop, for the current activation. ArmCondition cannot replace it: it remembers the cycle before an
+  // activation, and others may have used the arm in between.
   LoopTime activated_;
-  ArmSet took_;                                   // arms that took commands in this activation
-  std::array<std::uint32_t, kMaxArms> taking_{};  // number of consecutive steps in which commands were taken
+  ArmSet took_;                                   // arms that accepted commands in this activation
+  std::array<std::uint32_t, kMaxArms> taking_{};  // consecutive steps in which the arm accepted commands
 
   // Relay thread.
   HostTime last_record_;

@@ -92,6 +92,26 @@ TEST(HostedCycle, DeactivationLeavesGravityAndActivationStartsFromTheMeasuredSta
   }
 }
 
+// Its host's loop stood still (SIGSTOP, swapping) while it was active.
+TEST(HostedCycle, AfterAGapOfItsHostAllArmsAreStopped) {
+  constexpr auto kPause = GapWatch::kLongest + std::chrono::milliseconds(50);
+  Fixture fixture;
+  fixture.cycle->activate();
+  ASSERT_TRUE(fixture.start());
+  fixture.take_in();
+  fixture.cycle->deactivate();
+  std::this_thread::sleep_for(kPause);
+  fixture.take_in();
+  fixture.cycle->activate();
+  for (int i = 0; i < 5; ++i) fixture.step();
+  EXPECT_TRUE(fixture.cycle->modes().stopped().empty()) << "an inactive controller stands still for long";
+  EXPECT_TRUE(fixture.runs("right_pose"));
+  std::this_thread::sleep_for(kPause);
+  fixture.step();
+  EXPECT_EQ(fixture.cycle->modes().stopped(), ArmSet::all(2));
+  EXPECT_FALSE(fixture.runs("right_pose"));
+}
+
 TEST(HostedCycle, SilentJointsGoToHoldThenToNoTorque) {
   Fixture fixture;
   fixture.cycle->activate();
@@ -191,14 +211,20 @@ TEST(HostedCycle, KeepsLoadsAndFramesAndRefusesOtherRequests) {
   Fixture fixture;
   fixture.cycle->activate();
   ASSERT_TRUE(fixture.start());
-  const JointVector before = fixture.command(0);
+  const auto gravity = [&] { return JointVector(fixture.command(0) - fixture.cycle->data().tau_cmd[0]); };
+  const JointVector before = gravity();
   Load load;
   load.mass = 2;
   load.p_FC = {0.1, 0, 0.1};
   ASSERT_TRUE(fixture.cycle->backend().request(0, SetLoad{load}).get().success);
   fixture.step();
-  EXPECT_GT((fixture.command(0) - before).norm(), 1.0);  // its weight is compensated from the next step on
   EXPECT_EQ(fixture.cycle->data().state[0].load.mass, 2);
+  EXPECT_LT((gravity() - before).norm(), 0.05);  // its weight comes in within a second
+  fixture.steps(499);
+  const double half = (gravity() - before).norm();
+  fixture.steps(500);
+  EXPECT_GT((gravity() - before).norm(), 1.0);
+  EXPECT_NEAR((gravity() - before).norm(), 2 * half, 0.05 * half);
   EXPECT_FALSE(fixture.cycle->backend().request(0, RecoverFromError{}).get().success);
   EXPECT_FALSE(fixture.cycle->backend().request(9, SetLoad{load}).get().success);
   load.mass = -1;
@@ -269,7 +295,7 @@ TEST(SharedArmState, OnlyAStructOfThisBuildIsAccepted) {
   shared = SharedArmState{};
   shared.layout ^= 1;
   EXPECT_EQ(shared_arm_state(to_interface(&shared)), nullptr);
-  EXPECT_THAT(shared_arm_state_refusal(to_interface(&shared)), testing::HasSubstr("another layout"));
+  EXPECT_THAT(shared_arm_state_refusal(to_interface(&shared)), testing::HasSubstr("type layouts differ"));
   alignas(8) std::array<char, sizeof(SharedArmState)> other{};  // another struct
   EXPECT_EQ(shared_arm_state(to_interface(reinterpret_cast<const SharedArmState*>(other.data()))), nullptr);
 }

@@ -9,8 +9,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "support/machine.hpp"
-#include "support/spelling.hpp"
+#include "common/machine.hpp"
+#include "common/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -41,7 +41,7 @@ double seconds_of(const std::string& name, const ParameterValue& value, double l
   return s;
 }
 
-// The name becomes a part of the file's name.
+// Part of the file name.
 std::string condition_of(const std::string& name, const ParameterValue& value) {
   const std::string condition = text_of(name, value);
   const bool plain = std::ranges::all_of(condition, [](char c) {
@@ -69,7 +69,7 @@ CommandTrace::Options trace_options(const HostedTraceOptions& options, const Rec
   return trace;
 }
 
-// How the operating system schedules a thread of this process; null if the thread has ended.
+// Scheduling of a thread of this process by the operating system; null if the thread has ended.
 Json scheduling(pid_t thread) {
   sched_param parameters{};
   const int policy = thread == 0 ? -1 : sched_getscheduler(thread);
@@ -111,11 +111,11 @@ std::optional<HostedTraceOptions> hosted_trace_options(const FlatParameters& par
     }
   }
   if (!any) return std::nullopt;
-  if (options.folder.empty()) refuse(kHead + ".folder", "missing; name the folder that gets the file");
+  if (options.folder.empty()) refuse(kHead + ".folder", "missing; name the folder for the file");
   if (!options.folder.is_absolute())
     refuse(kHead + ".folder",
            "found '" + options.folder.string() +
-               "'; expected an absolute path, since it is not obvious where the host runs");
+               "'; expected an absolute path, since the host's working directory is unknown");
   if (options.condition.empty())
     refuse(kHead + ".condition",
            "missing; name a condition of the experiment controller-performance, such as NF");
@@ -161,7 +161,7 @@ std::string HostedTrace::about(std::uint64_t dropped) const {
              {"arms", Json::array()},
              {"reports_command", Json::array()},
              {"period_s", period_s_},
-             {"wanted_samples", cycles(options_.duration_s, period_s_)},
+             {"expected_samples", cycles(options_.duration_s, period_s_)},
              {"full", trace_.full()},
              {"records_dropped", dropped},
              {"scheduling", scheduling(trace_.loop_thread())},
@@ -169,7 +169,7 @@ std::string HostedTrace::about(std::uint64_t dropped) const {
              {"scene_text", scene_text_}};
   for (const auto& arm : arms_) {
     about["arms"].push_back(arm.name);
-    // Without multipanda_state, tau_J_d is what was sent, so it says nothing about the delay.
+    // Without multipanda_state, tau_J_d is the torque sent and does not show the delay.
     if (arm.has_robot_state) about["reports_command"].push_back(arm.name);
   }
   return about.dump();
@@ -180,7 +180,7 @@ void HostedTrace::write(std::uint64_t dropped) noexcept {
   written_ = true;
   try {
     writer_ = std::thread([this, dropped] { write_file(dropped); });
-  } catch (...) {  // no thread is to be had
+  } catch (...) {  // no thread could be started
     write_file(dropped);
   }
 }
@@ -195,7 +195,7 @@ void HostedTrace::write_file(std::uint64_t dropped) noexcept {
               : "nothing was measured: '" + options_.controllet + "' followed no stream of set-points");
       return;
     }
-    // Two controllers may have one folder and condition: each has a file of its own until it is complete.
+    // Two controllers may share folder and condition: each writes a separate file until it is complete.
     static std::atomic<int> files{0};
     part = options_.folder /
            (options_.condition + ".part" + std::to_string(::getpid()) + "_" + std::to_string(++files));
@@ -203,7 +203,7 @@ void HostedTrace::write_file(std::uint64_t dropped) noexcept {
     const fs::path file = free_name();
     fs::rename(part, file);
     say(std::to_string(trace_.count()) + " cycles are in " + file.string() +
-        (trace_.full() ? "; it was full, and later cycles are not in it" : "") +
+        (trace_.full() ? "; its memory was full, so later cycles are missing" : "") +
         (dropped > 0 ? "; " + std::to_string(dropped) + " cycles were dropped" : ""));
     return;
   } catch (const std::exception& error) {
@@ -212,9 +212,9 @@ void HostedTrace::write_file(std::uint64_t dropped) noexcept {
   }
   try {
     std::error_code ignored;
-    if (!part.empty()) fs::remove(part, ignored);  // a full disk is not to stay full
+    if (!part.empty()) fs::remove(part, ignored);  // frees space on a full disk
     say(std::string("the measurement is lost: ") + why);
-  } catch (...) {  // nobody listens
+  } catch (...) {  // an exception of the report is ignored
   }
 }
 

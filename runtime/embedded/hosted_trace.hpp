@@ -15,12 +15,13 @@
 
 namespace multipanda {
 
-// What the parameters `performance_trace.*` ask for (docs/ros2_control.md).
+// Values of the parameters `performance_trace.*` (docs/ros2_control.md).
 struct HostedTraceOptions {
-  std::filesystem::path folder;  // gets <condition>_<number>.npz
-  std::string condition;         // of the experiment controller-performance that the page shows it beside
-  // The measurement begins once this controllet follows a stream of set-points, and has the outputs of its
-  // features. Empty: it begins with the activation.
+  std::filesystem::path folder;  // for <condition>_<number>.npz
+  std::string condition;         // condition of the experiment controller-performance that the page compares
+                                 // it with
+  // The measurement begins when this controllet follows a stream of set-points, and includes the outputs of
+  // its features. Empty: it begins with the activation.
   std::string controllet;
   double duration_s = 30, lead_s = 1;  // kept; skipped before
 };
@@ -29,10 +30,11 @@ struct HostedTraceOptions {
 std::optional<HostedTraceOptions> hosted_trace_options(const FlatParameters& parameters);
 
 // The performance measurement of a hosted cycle: the cycles of its first activation, in memory allocated by
-// the constructor. They become a file when that activation, or the cycle, has ended; the loop does no I/O.
+// the constructor. They are written to a file when that activation, or the cycle, has ended; the loop does
+// no I/O.
 class HostedTrace {
  public:
-  // Messages for the user, from the thread of the constructor, the relay and the one that writes.
+  // Messages for the user, from the threads of constructor, relay and file writer.
   using Report = std::function<void(const std::string&)>;
 
   // Creates the folder. Throws std::invalid_argument (controllet unknown) or std::runtime_error (the folder
@@ -42,11 +44,11 @@ class HostedTrace {
   ~HostedTrace();  // waits until the file is written
   HostedTrace(const HostedTrace&) = delete;
 
-  // Host's loop: a comparison; while the measurement lasts, also a reading of the clock and a store.
+  // Host's loop: a comparison; during the measurement also a clock reading and a store.
   void step_done(const Tick& tick) noexcept {
     if (!over()) trace_.step_done(tick);
   }
-  // The activation has ended with this cycle. Later activations are not measured.
+  // The activation ends with this cycle. Later activations are not measured.
   void end(std::uint64_t cycle) noexcept {
     if (!over()) last_cycle_.store(cycle, std::memory_order_release);
   }
@@ -56,9 +58,9 @@ class HostedTrace {
   void take(const CycleRecord& record) {
     if (record.cycle <= last_cycle_.load(std::memory_order_relaxed)) trace_.take(record);
   }
-  // Once the loop has ended the activation, or itself, and all records were taken. Only the first call does
-  // anything: it starts the thread that writes, so that the relay serves a next activation meanwhile.
-  // `dropped`: records that the loop could not pass on.
+  // Call when the activation or the loop has ended and all records were taken. Only the first call has an
+  // effect: it starts the writing thread, so that the relay can serve the next activation. `dropped`: records
+  // that the loop could not pass on.
   void write(std::uint64_t dropped) noexcept;
 
  private:

@@ -72,7 +72,7 @@ TEST_F(Measured, AFullMeasurementIsWrittenOnceItsActivationEnds) {
     EXPECT_EQ(files().size(), static_cast<std::size_t>(number - 1));  // nothing is written while it is active
     fixture->cycle->deactivate();
     EXPECT_TRUE(says("100 cycles are in " + (options.folder / "NF_").string() + std::to_string(number)));
-    EXPECT_THAT(last(), HasSubstr("it was full"));
+    EXPECT_THAT(last(), HasSubstr("memory was full"));
     // A later activation is not measured.
     fixture->cycle->activate();
     fixture->steps(300);

@@ -6,7 +6,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "device/arm_settings.hpp"
+#include "arm_interface/arm_settings.hpp"
 
 namespace multipanda {
 namespace {
@@ -18,7 +18,7 @@ void copy_joints(const std::array<double, kMaxJoints>& from, std::size_t n, Join
 
 std::string who_holds(const std::string& arm) {
   return "arm '" + arm +
-         "': its hardware does not report who compensates its gravity; set the parameter 'arms." + arm +
+         "': its hardware does not report whether it compensates gravity; set the parameter 'arms." + arm +
          ".gravity_compensation' to 'robot' if the robot does, or to 'controller' if torques must include it";
 }
 
@@ -33,7 +33,7 @@ std::string joint_name(const InterfaceBackend::Arm& arm, std::size_t i) {
 
 }  // namespace
 
-InterfaceBackend::PlainArm::PlainArm(Arm a) : arm(std::move(a)), terms(arm.model) {
+InterfaceBackend::PlainArm::PlainArm(Arm a) : arm(std::move(a)), terms(arm.model), load(arm.config.load) {
   requested.config = configuration.config = arm.config;
   tau_cmd = tau_then = joint_constant(joints(), 0);
   terms.set_config(arm.config.frames, arm.config.tool, arm.config.load);
@@ -49,7 +49,7 @@ bool InterfaceBackend::PlainArm::is_finite() const {
   return finite;
 }
 
-// Counts for how long the arm's numbers have been the same.
+// Time since the arm's numbers last changed.
 void InterfaceBackend::PlainArm::watch_numbers(double dt) {
   bool same = true;
   const auto compare = [&](const std::array<double, kMaxJoints>& now, std::size_t first) {
@@ -72,7 +72,7 @@ void InterfaceBackend::PlainArm::watch_numbers(double dt) {
   }
 }
 
-// Whether numbers that stay the same cannot be those of an arm.
+// Whether constant numbers are implausible for an arm.
 bool InterfaceBackend::PlainArm::contradicts() const {
   constexpr double kMoves = 0.05, kSlides = 0.01;  // [rad/s], [m/s]: within 20 ms, any encoder sees it
   constexpr double kTorqueShare = 0.05;            // of the limit: friction may carry less
@@ -103,8 +103,8 @@ InterfaceBackend::InterfaceBackend(std::vector<Arm> arms, double period_s) : per
 
 InterfaceBackend::~InterfaceBackend() = default;
 
-// A force in place of a torque, or meters in place of radians. A hardware without a model of its own does not
-// say what its joints are.
+// Prevents forces in place of torques, or meters in place of radians. Hardware without a model does not
+// report its kinds of joints.
 std::string InterfaceBackend::unlike_joints(const PlainArm& arm) {
   if (arm.signals.shared->model == nullptr) return {};
   const ArmModel &theirs = arm.signals.shared->model->model(), &ours = *arm.arm.model;
@@ -162,8 +162,7 @@ ArmSet InterfaceBackend::advance(double period_s) {
     const auto missed = static_cast<std::uint64_t>(std::lround(dt_ / period_s_)) - 1;
     overruns_.store(overruns_.load(std::memory_order_relaxed) + missed, std::memory_order_relaxed);
   }
-  // In lock-step the hardware's own clock counts: it advances by whole periods, independent of the
-  // wall clock.
+  // In lock-step the hardware's clock counts: it advances by whole periods, independent of the wall clock.
   const auto stepped = std::find_if(arms_.begin(), arms_.end(), [](const auto& arm) {
     return arm->signals.shared != nullptr && arm->signals.shared->capabilities.lockstep;
   });
@@ -197,7 +196,7 @@ Capabilities InterfaceBackend::capabilities(ArmIndex arm) const {
     can = shared->capabilities;
     can.torque_low_pass_hz = 0;  // applied by the hardware, for any controller
   } else {
-    can.own_clock = true;  // not known yet, or its hardware does not say
+    can.own_clock = true;  // unknown yet, or not reported by its hardware
   }
   can.compensates_gravity = true;  // by the arm or by write()
   can.has_external_torque = arms_[arm]->arm.host.forces_by_robot;
@@ -230,9 +229,10 @@ void InterfaceBackend::read(ArmSet due, std::span<ArmState> states) {
 void InterfaceBackend::read_plain(PlainArm& arm, ArmState& state) const {
   if (arm.updates.take()) {
     arm.configuration = arm.updates.value();
-    arm.terms.set_config(arm.configuration.config.frames, arm.configuration.config.tool,
-                         arm.configuration.config.load);
+    arm.load.aim(arm.configuration.config.load);
   }
+  const ArmConfig& config = arm.configuration.config;
+  if (arm.load.advance(dt_)) arm.terms.set_config(config.frames, config.tool, arm.load.now());
   const std::size_t n = arm.joints();
   state.sequence = ++arm.sequence;
   state.t_robot = {now_.ns};
@@ -247,9 +247,9 @@ void InterfaceBackend::read_plain(PlainArm& arm, ArmState& state) const {
   }
   state.tau_J_d = arm.tau_cmd;
   state.config_version = (arm.activations << 16) + arm.configuration.version;
-  state.frames = arm.configuration.config.frames;
-  state.tool = arm.configuration.config.tool;
-  state.load = arm.configuration.config.load;
+  state.frames = config.frames;
+  state.tool = config.tool;
+  state.load = config.load;
   state.mode = ArmMode::move;
   state.errors = 0;
 }
@@ -333,7 +333,7 @@ std::future<RequestAnswer> InterfaceBackend::request(WorldRequest request) {
   return Backend::request(std::move(request));
 }
 
-// A robot without such requests of its own keeps the settings here, for the controllers.
+// If a robot does not support such requests, the settings are stored here, for the controllers.
 RequestAnswer InterfaceBackend::configure(PlainArm& arm, const ArmRequest& request) {
   const std::lock_guard lock(mutex_);
   if (const auto* load = std::get_if<SetLoad>(&request)) {

@@ -11,6 +11,7 @@
 #include "core/cycle/backend.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/rt/triple_buffer.hpp"
+#include "core/state/load_ramp.hpp"
 #include "core/types/capacity.hpp"
 #include "runtime/embedded/shared_arm_state.hpp"
 #include "scene/build.hpp"
@@ -18,8 +19,8 @@
 
 namespace multipanda {
 
-// Input and output numbers of one arm, joint by joint, first to last. The host fills the inputs before a step
-// and reads the command after it.
+// Input and output numbers of one arm, in order of its joints. The host fills the inputs before a step and
+// reads the command after it.
 struct ArmSignals {
   std::array<double, kMaxJoints> position{};  // [rad]
   std::array<double, kMaxJoints> velocity{};  // [rad/s]
@@ -30,17 +31,17 @@ struct ArmSignals {
   std::array<double, kMaxJoints> effort_command{};  // [N m]
 };
 
-// A Backend for arms that are accessed as plain numbers, for a cycle hosted by ros2_control.
+// A Backend for arms accessed as plain numbers, for a cycle hosted by ros2_control.
 //
-// An arm with a shared state has everything that its hardware offers: frames, loads, forces, errors,
-// requests. An arm without one has position and velocity, and effort if available: it takes commands while it
-// delivers, its frames and loads are those set here, and without effort its measured torque is assumed to
-// equal the commanded one. Its state is due in every step in which all its numbers are finite and not frozen.
+// An arm with a shared state has all data of its hardware: frames, loads, forces, errors, requests. An arm
+// without one has position and velocity, and effort if available: it accepts commands while it delivers data,
+// its frames and loads are those set here, and without effort the measured torque is assumed to equal the
+// commanded one. Its state is due in every step in which all its numbers are finite and not frozen.
 //
 // Frozen: for longer than max_silence_s all its numbers are the same to the last bit, although the arm moves
 // by its own velocity, or the torque that it is given beyond gravity has changed by 5 % of a joint's limit
-// since. An arm at rest may well repeat its numbers. An arm that was silent or frozen for longer than
-// max_silence_s is `disconnected`; when it delivers again, it is held where it is then.
+// since. An arm at rest may repeat its numbers. An arm that was silent or frozen for longer than
+// max_silence_s is `disconnected`; when it delivers again, it is held at its present position.
 //
 // Torques are sent without gravity if the robot compensates it, otherwise with it (HostedArm::Gravity),
 // and limited to the joints' largest efforts. An arm that is not due keeps its command for max_silence_s,
@@ -63,12 +64,12 @@ class InterfaceBackend : public Backend {
   // Returns the reason why it cannot start, or an empty string. Call when the signals hold shared states and
   // first values.
   std::string check() const;
-  // Starts an activation: every arm is `recovering` up to and including its first state, and earlier data
+  // Starts an activation: every arm is `recovering` until its first state, inclusive; earlier data
   // are ignored.
   void begin();
   // Before a step: advances time and returns the arms that are due.
   ArmSet advance(double period_s);
-  // Writes commands that leave the arms safe without a controller: gravity if the cycle compensates it,
+  // Writes commands that keep the arms safe without a controller: gravity if the cycle compensates it,
   // otherwise zero.
   void leave();
 
@@ -95,17 +96,18 @@ class InterfaceBackend : public Backend {
     Arm arm;
     ArmSignals signals;
     ModelTerms terms;                     // for gravity
+    LoadRamp load;                        // used for gravity compensation
     JointVector tau_cmd;                  // of the last step, without gravity
-    Configuration requested;              // guarded by the backend's mutex_
+    Configuration requested;              // protected by the backend's mutex_
     TripleBuffer<Configuration> updates;  // from requests to the loop
     Configuration configuration;          // loop's thread
     std::uint64_t sequence = 0;
     std::uint64_t last_sequence = 0;
     RobotTime last_robot_time;
     std::uint32_t activations = 0;  // counts activations; a new one is a new configuration
-    bool recovering = false;        // no state since the activation
-    double silent_s = 0;            // without a state that counts
-    // Without a shared state: what it delivered last, for how long, and tau_cmd when that began.
+    bool recovering = false;        // no state yet in this activation
+    double silent_s = 0;            // time without a valid state
+    // Without a shared state: its last numbers, for how long they were constant, and tau_cmd at that time.
     std::array<double, 3 * kMaxJoints> numbers{};
     JointVector tau_then;
     double still_s = 0;
@@ -133,7 +135,7 @@ class InterfaceBackend : public Backend {
   double dt_ = 0;  // of this step
   LoopTime now_;
   std::atomic<std::uint64_t> overruns_{0};
-  std::mutex mutex_;  // threads that send requests only
+  std::mutex mutex_;  // used only by threads that send requests
 };
 
 }  // namespace multipanda

@@ -8,11 +8,11 @@
 namespace multipanda {
 namespace {
 
-// A command that is nearer than this to the one before takes its place, unless that leaves a wide gap.
+// A command closer than this to the previous one replaces it, unless that leaves a wide gap.
 constexpr double kNearStamps = 2e-4, kWideGap = 3e-3;  // [s]
 constexpr double kClockGain = 2e-3;  // per period: the playback follows the program's clock within 0.5 s
 constexpr double kLargestDrift = 1e-3;
-constexpr double kLostClock = 0.05;  // [s] the clocks' relation is found again
+constexpr double kLostClock = 0.05;  // the clocks' relation is determined again [s]
 constexpr double kShortestInterval = 5e-4, kLongestInterval = 0.02;  // [s] of the program's period
 
 }  // namespace

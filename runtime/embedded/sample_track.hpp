@@ -8,12 +8,11 @@
 namespace multipanda {
 
 // Commands of a program with a clock of its own, resampled once per period of the arm. The program stamps
-// each command with its clock. The track plays them back on the arm's clock, a delay later, and interpolates:
-// the instants at which the program wrote, late or early, do not matter, only its stamps do. The clocks may
-// drift apart.
+// each command with its clock. The track plays them back on the arm's clock after a delay, and interpolates:
+// only the stamps matter, not the times of writing. The clocks may drift apart.
 //
-// The delay is two of the program's periods and 1 ms, 3 ms at 1 kHz: commands that come up to about 1 ms late
-// still meet their time. One thread; nothing allocates.
+// The delay is two of the program's periods and 1 ms, 3 ms at 1 kHz: commands up to about 1 ms late are still
+// in time. One thread; nothing allocates.
 class SampleTrack {
  public:
   static constexpr std::size_t kValues = 16;
@@ -22,16 +21,16 @@ class SampleTrack {
     std::array<double, kValues> values{};
   };
 
-  // Forgets the commands, not the clocks' relation.
+  // Clears the commands but keeps the clocks' relation.
   void clear();
   bool empty() const { return count_ == 0; }
-  // The program's newest command. A stamp that goes back begins a new track.
+  // The program's newest command. A decreasing stamp starts a new track.
   void push(std::int64_t stamp_ns, std::span<const double> values);
   // The arm's next period begins.
   void advance();
 
-  // Where the playback is: between two commands at the fraction `share`, which are `gap` apart (0: there is
-  // only one), or beyond the newest one.
+  // Position of the playback: at the fraction `share` between two commands that are `gap` apart (0: only
+  // one), or beyond the newest one.
   struct Place {
     const Sample* from = nullptr;
     const Sample* to = nullptr;
@@ -40,7 +39,7 @@ class SampleTrack {
   Place place() const;  // not when empty
 
   double delay() const { return 2 * interval_ + 0.001; }  // [s]
-  double drift() const { return rate_; }                  // of the program's clock against the arm's
+  double drift() const { return rate_; }                  // of the program's clock relative to the arm's
 
  private:
   static constexpr std::size_t kSamples = 64;
@@ -56,8 +55,9 @@ class SampleTrack {
   double interval_ = 1e-3;  // the program's period [s]
 };
 
-// How a motion continues without new commands, `beyond` the newest one [s]: at its velocity for kKeptMotion,
-// then slower until it rests. The share of the velocity, and the distance per velocity [s].
+// Continuation of a motion without new commands, `beyond` the newest one [s]: at its velocity for
+// kKeptMotion, then slower until it rests. Returns the fraction of the velocity, and the distance per
+// velocity [s].
 inline constexpr double kKeptMotion = 0.02, kSlowing = 0.1;  // [s]
 double kept_velocity(double beyond);
 double kept_distance(double beyond);

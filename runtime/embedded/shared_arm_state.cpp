@@ -7,7 +7,7 @@
 namespace multipanda {
 namespace {
 
-// What the value points to, if that begins like one of ours; nullptr otherwise.
+// The struct behind the value if it begins like one of ours; nullptr otherwise.
 const SharedArmState* behind(double value) {
   const auto address = std::bit_cast<std::uintptr_t>(value);
   constexpr std::uintptr_t kFirstPage = 4096, kLast = std::uintptr_t{1} << 47;  // of user space
@@ -48,9 +48,8 @@ std::string shared_arm_state_refusal(double value) {
            "); build multipanda_hardware and multipanda_controller from the same source";
   }
   if (shared->layout != kStateLayout) {
-    return "the hardware was built with the headers of this controller, but with other flags or another "
-           "Eigen: "
-           "the types have another layout; build multipanda_hardware and multipanda_controller alike";
+    return "the hardware was built with the same headers as this controller, but with other flags or another "
+           "Eigen, so that type layouts differ; build multipanda_hardware and multipanda_controller alike";
   }
   return {};
 }

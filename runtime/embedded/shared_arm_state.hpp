@@ -10,9 +10,9 @@
 namespace multipanda {
 
 // An arm's complete state, shared with controllers in the same process. ros2_control's state interfaces carry
-// doubles; the bits of `<arm>/multipanda_state` are this struct's address. The name is ours alone: Franka's
-// own hardware exports other structs as `robot_state` and `robot_model`, and a reader of one must never get
-// the other. The hardware fills it in read() and controllers read it in update(), in the same thread.
+// doubles; the bits of `<arm>/multipanda_state` are this struct's address. The name is unique to us: Franka's
+// own hardware exports other structs as `robot_state` and `robot_model`, and readers must not confuse them.
+// The hardware fills it in read() and controllers read it in update(), in the same thread.
 //
 // Readers of the address check magic, size, the hash of the headers and the layout of the types. A controller
 // of another build rejects the address.
@@ -20,7 +20,7 @@ struct SharedArmState {
   static constexpr std::uint64_t kMagic = 0x77'6f'64'6e'69'77'70'6d;  // "mpwindow"
   using Headers = std::array<char, 24>;
 
-  // These members keep their place for ever.
+  // The position of these members must never change.
   std::uint64_t magic = kMagic;
   std::uint64_t size = sizeof(SharedArmState);
   Headers headers = this_build();  // hash of the headers that the hardware was compiled with
@@ -29,8 +29,8 @@ struct SharedArmState {
   // As of the last read(). A new packet has a new `sequence`.
   ArmState state;
   Capabilities capabilities;
-  // Model at that state; computes terms on demand. Outlives its readers: the hardware is deactivated after
-  // its controllers.
+  // Model at that state; computes terms on demand. Outlives its readers, because the hardware is deactivated
+  // after its controllers.
   ModelTerms* model = nullptr;
   // For requests to the arm; any thread but the loop's.
   Backend* backend = nullptr;

@@ -6,20 +6,20 @@
 
 namespace multipanda {
 
-// Ends something slow on a thread of its own, so that the loop of a program that shares its thread with other
-// hardware loses no period. Off the loops, one thread at a time.
+// Runs slow clean-up on a separate thread, so that the calling loop, which may serve other hardware, loses no
+// period. Off the loops, one thread at a time.
 class TearDown {
  public:
   TearDown() = default;
   ~TearDown() { wait(); }
   TearDown(const TearDown&) = delete;
 
-  // Returns at once, unless an earlier one has not ended.
+  // Returns at once, unless an earlier clean-up is still running.
   void start(std::function<void()> work) {
     wait();
     thread_ = std::thread(std::move(work));
   }
-  // Until the last one has ended.
+  // Waits for the last clean-up.
   void wait() {
     if (thread_.joinable()) thread_.join();
   }

@@ -5,8 +5,11 @@
 #include <limits>
 #include <type_traits>
 
+#include "arm_interface/arm_error.hpp"
+#include "common/spelling.hpp"
+#include "core/record/record_fields.hpp"
+#include "core/state/arm_state.hpp"
 #include "runtime/live_input/reference_values.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -22,7 +25,7 @@ class KeyCollector {
     keys_.emplace_back(key);
   }
   void pose(const Pose& /*value*/) {
-    for (auto& key : keys_of(Quantity::pose)) keys_.push_back(std::move(key));
+    for (const auto& key : keys_of(Quantity::pose).keys) keys_.push_back(key);
   }
   void expect(bool /*condition*/, const char* /*text*/) {}
 
@@ -95,7 +98,7 @@ class RequestReader {
   }
   void read(const char* key, Pose& value, RequestBound /*bound*/) {
     const JsonFields section = fields_.section(key);
-    section.allow(keys_of(Quantity::pose));
+    section.allow(keys_of(Quantity::pose).keys);
     value = read_pose(section);
   }
   template <typename T>
@@ -105,6 +108,9 @@ class RequestReader {
 
   const JsonFields& fields_;
 };
+
+template <typename Request, typename... Kinds>
+constexpr bool kIsOneOf = (std::is_same_v<Request, Kinds> || ...);
 
 template <typename Request>
 constexpr bool kOffered = requires {
@@ -117,13 +123,29 @@ void for_each_in(Take&& take) {
   [&]<std::size_t... I>(std::index_sequence<I...>) {
     (
         [&] {
-          using Request = std::variant_alternative_t<I, Group>;
+          using Request = std::variant_alternative_t<I, typename Group::Variant>;
           if constexpr (kOffered<Request>) take(Group(std::in_place_index<I>), Request{});
         }(),
         ...);
   }
-  (std::make_index_sequence<std::variant_size_v<Group>>{});
+  (std::make_index_sequence<std::variant_size_v<typename Group::Variant>>{});
 }
+
+// A visitor of an arm's quantities (core/record/record_fields.hpp).
+struct StateWriter {
+  nlohmann::json state;
+  nlohmann::json& at(const std::string& name) {
+    constexpr std::string_view kGripper = "gripper_";
+    return name.starts_with(kGripper) ? state["gripper"][name.substr(kGripper.size())] : state[name];
+  }
+  void one(const char* name, auto value, bool known) {
+    if (known) at(name) = value;
+  }
+  template <class T>
+  void many(const char* name, std::span<const T> values, bool known) {
+    if (known) at(name) = std::vector<T>(values.begin(), values.end());
+  }
+};
 
 template <typename Take>
 void for_each_request(Take&& take) {
@@ -169,11 +191,28 @@ BackendRequest read_backend_request(const std::string& name, const JsonFields& f
                 name_hint(action, actions, "there is none"));
 }
 
-nlohmann::json gripper_state(const ArmSample& sample) {
-  return {{"width_m", sample.gripper_width},
-          {"max_width_m", sample.gripper_max_width},
-          {"grasped", sample.gripper_grasped},
-          {"moving", sample.gripper_moving}};
+bool moves(const BackendRequest& request) {
+  return std::visit(
+      [](const auto& group) {
+        return std::visit(
+            []<typename Kind>(const Kind&) {
+              // A new kind of request moves unless it stands here.
+              return !kIsOneOf<Kind, SetFrames, SetJointStiffness, SetCartesianStiffness,
+                               SetCollisionThresholds, SetGuidingMode, RecoverFromError, Reconnect,
+                               StopMotion, SetUserStop, GripperStop, VacuumStop, PlaceObject, ResetSimulation,
+                               PauseSimulation, StepSimulation, PushObject>;
+            },
+            group);
+      },
+      request);
+}
+
+nlohmann::json state_of(const ArmSample& sample, std::size_t joints) {
+  StateWriter writer;
+  visit_sample(writer, sample, joints);
+  writer.state["mode"] = to_string(static_cast<ArmMode>(sample.mode));
+  writer.state["error_names"] = error_list(sample.errors);
+  return std::move(writer.state);
 }
 
 }  // namespace multipanda

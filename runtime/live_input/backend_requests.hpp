@@ -18,8 +18,11 @@ std::vector<std::string> backend_request_names();
 BackendRequest read_backend_request(const std::string& name, const JsonFields& fields,
                                     std::vector<std::string> common_keys);
 
-// The state of a gripper: {"width_m": ..., "max_width_m": ..., "grasped": ..., "moving":
-// ...}.
-nlohmann::json gripper_state(const ArmSample& sample);
+// Whether it moves a real arm or the fingers of its gripper.
+bool moves(const BackendRequest& request);
+
+// What an arm of `joints` joints reports, by name, without what it does not know; those of the gripper in
+// "gripper": {"width_m": ...}. "mode" and "error_names" are words.
+nlohmann::json state_of(const ArmSample& sample, std::size_t joints);
 
 }  // namespace multipanda

@@ -5,6 +5,7 @@
 #include <poll.h>
 #include <stdexcept>
 #include <sys/socket.h>
+#include <thread>
 #include <unistd.h>
 #include <utility>
 
@@ -20,11 +21,18 @@ using nlohmann::json;
 constexpr std::size_t kLongestAnswer = 16 * 1024 * 1024;
 constexpr std::size_t kMostOthers = 4096;  // lines kept for next() while ask() waits
 
+struct NobodyListens : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
 int connected(const std::filesystem::path& path, int type) {
   const int file = connect_to(path, type);
   if (file >= 0) return file;
-  throw std::runtime_error("no run listens at '" + path.string() + "' (" + std::strerror(errno) +
-                           "): start one with `multipanda run SCENE`");
+  const int error = errno;
+  const std::string why = "no run listens at '" + path.string() + "' (" + std::strerror(error) +
+                          "): start one with `multipanda run SCENE`";
+  if (error == ENOENT || error == ECONNREFUSED || error == EACCES) throw NobodyListens(why);
+  throw std::runtime_error(why);
 }
 
 double now_s() { return host_now().seconds(); }
@@ -85,7 +93,7 @@ void LiveClient::send(const json& request) {
   const double deadline = now_s() + 10;
   line_.send(to_line(request));
   for (line_.flush(); line_.unsent() > 0; line_.flush()) {
-    if (line_.broken()) throw std::runtime_error("the run has ended");
+    while (line_.broken()) others_.push_back(receive(deadline));  // throws after the run's last words
     if (!wait_for(line_.file(), POLLOUT, deadline))
       throw std::runtime_error("the run does not accept requests");
   }
@@ -97,7 +105,9 @@ json LiveClient::receive(double deadline_s) {
   for (;;) {
     if (auto line = line_.next()) {
       if (line->too_long) throw std::runtime_error("the run sent a line that is too long");
-      return json::parse(line->text);
+      json parsed = json::parse(line->text);
+      if (parsed.value("verdict", "") == "too_many_clients") throw std::runtime_error(parsed["reason"]);
+      return parsed;
     }
     if (line_.input_ended()) throw std::runtime_error("the run has ended");
     if (!wait_for(line_.file(), POLLIN, deadline_s))
@@ -107,13 +117,29 @@ json LiveClient::receive(double deadline_s) {
 }
 
 json LiveClient::ask(json request, double timeout_s) {
+  const HostTime asked = host_now();
+  if (request.value("do", "") == "stop" || request.contains("asked_ns"))
+    return exchange(std::move(request), timeout_s);
+  if (!ahead_ns_) (void)exchange({{"do", "channels"}}, timeout_s);
+  if (ahead_ns_) request.update({{"asked_ns", asked.ns + *ahead_ns_}, {"patience_s", timeout_s}});
+  return exchange(std::move(request), timeout_s - seconds(host_now() - asked));
+}
+
+json LiveClient::exchange(json request, double timeout_s) {
   const std::uint64_t id = next_id_++;
   request["id"] = id;
+  const HostTime sent = host_now();
   send(request);
   const double deadline = now_s() + timeout_s;
   for (;;) {
     json line = receive(deadline);
-    if (line.contains("id") && line["id"] == id) return line;
+    if (line.contains("id") && line["id"] == id) {
+      const HostTime received = host_now();
+      const HostTime there{line.value("now_ns", std::int64_t{0})};
+      // Answered meanwhile by this clock, it is the same one; otherwise the request seems older than it is.
+      if (there.ns != 0) ahead_ns_ = there >= sent && there <= received ? 0 : (there - received).count();
+      return line;
+    }
     if (others_.size() == kMostOthers) others_.pop_front();
     others_.push_back(std::move(line));
   }
@@ -133,6 +159,23 @@ ReferenceStream LiveClient::open_stream(const std::string& controllet, const std
   const json answer = ask(std::move(request));
   if (!answer.value("ok", false)) throw std::invalid_argument(answer.value("reason", "refused"));
   return {answer.at("path").get<std::string>(), answer.at("channel").get<std::uint32_t>()};
+}
+
+json stop_run(const std::filesystem::path& socket, const std::vector<std::string>& arms, double timeout_s) {
+  json request{{"do", "stop"}};
+  if (!arms.empty()) request["arms"] = arms;
+  const double deadline = now_s() + timeout_s;
+  for (;; std::this_thread::sleep_for(std::chrono::milliseconds(1))) {
+    try {
+      LiveClient client(socket);
+      return client.ask(request, deadline - now_s());
+    } catch (const NobodyListens&) {
+      throw;
+    } catch (const std::runtime_error&) {
+      // It accepts nobody at the moment, or a full server has ended this connection for another one.
+      if (now_s() >= deadline) throw;
+    }
+  }
 }
 
 std::filesystem::path only_running_socket() {

@@ -3,8 +3,10 @@
 #include <deque>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
@@ -41,7 +43,8 @@ class LiveClient {
  public:
   explicit LiveClient(const std::filesystem::path& socket);  // throws std::runtime_error if no run listens
 
-  // Sends a request (without "id") and waits for its answer. Throws std::runtime_error if none comes.
+  // Sends a request (without "id") and waits for its answer. Throws std::runtime_error if none comes; the run
+  // then does not begin it any more.
   nlohmann::json ask(nlohmann::json request, double timeout_s = 10);
   // Sends without waiting, for requests that are answered only if refused.
   void tell(const nlohmann::json& request);
@@ -54,13 +57,21 @@ class LiveClient {
                               const std::string& frame = "");
 
  private:
+  nlohmann::json exchange(nlohmann::json request, double timeout_s);
   nlohmann::json receive(double deadline_s);
   void send(const nlohmann::json& request);
 
   LineConnection line_;
   std::uint64_t next_id_ = 1;
   std::deque<nlohmann::json> others_;
+  // The run's clock minus ours [ns], from its answers: 0 on one computer. None: not known.
+  std::optional<std::int64_t> ahead_ns_;
 };
+
+// Stops arms of a run over a connection of its own; no names: all. Returns the answer. Throws
+// std::runtime_error if none comes: a run that stands still stops when it goes on.
+nlohmann::json stop_run(const std::filesystem::path& socket, const std::vector<std::string>& arms,
+                        double timeout_s = 5);
 
 // The socket of the only running scene. Throws std::runtime_error if there is none, or more than one.
 std::filesystem::path only_running_socket();

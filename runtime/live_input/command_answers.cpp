@@ -1,5 +1,6 @@
-#include "core/state/arm_mode_name.hpp"
-#include "device/arm_error.hpp"
+#include "arm_interface/arm_error.hpp"
+#include "core/controllets/goal_parameters.hpp"
+#include "core/state/arm_state.hpp"
 #include "runtime/live_input/backend_requests.hpp"
 #include "runtime/live_input/reference_values.hpp"
 #include "runtime/live_input/request_handler.hpp"
@@ -11,12 +12,6 @@ namespace {
 
 using nlohmann::json;
 
-json array_of(const JointArray& values, std::size_t count) {
-  json list = json::array();
-  for (std::size_t i = 0; i < count; ++i) list.push_back(values[i]);
-  return list;
-}
-
 double milliseconds(HostTime from, HostTime to) { return seconds(to - from) * 1e3; }
 
 }  // namespace
@@ -26,8 +21,9 @@ json RequestHandler::refusal(Verdict verdict, const std::string& why) const {
 }
 
 json RequestHandler::answer_of(const Answer& answer, const Request& request) const {
-  json out = answer.accepted() ? json{{"ok", true}, {"verdict", "accepted"}}
-                               : refusal(answer.verdict, reason(*run_.modes, request, answer.verdict));
+  json out = answer.accepted()
+                 ? json{{"ok", true}, {"verdict", "accepted"}}
+                 : refusal(answer.verdict, reason(*run_.modes, request, answer.verdict, answer.rule));
   out["cycle"] = answer.cycle;
   out["t_s"] = answer.t.seconds();
   out["times_ms"] = {{"received_to_taken", milliseconds(answer.received, answer.taken)},
@@ -46,7 +42,7 @@ json RequestHandler::answer_of(const Answer& answer, const Request& request) con
     }
     if (!handed_over) continue;
     steps.push_back({{"arm", run_.modes->arm_name(a)},
-                     {"wanted_nm", answer.step_requested[a]},
+                     {"computed_nm", answer.step_requested[a]},
                      {"sent_nm", answer.step_sent[a]}});
   }
   return out;
@@ -79,7 +75,8 @@ json RequestHandler::describe(const StreamChannel& channel) const {
           {"expired", channel.expired},
           {"sequence", channel.last},
           {"client_time_ns", channel.client_time_ns},
-          {"verdict", name_of(channel.verdict)}};
+          {"verdict", name_of(channel.verdict)},
+          {"reason", channel.reason}};
 }
 
 json RequestHandler::list() const {
@@ -92,6 +89,7 @@ json RequestHandler::list() const {
     const Vector3& p = model.X_WB().position;
     arms.push_back({{"name", modes.arm_name(a)},
                     {"joints", model.joint_count()},
+                    {"home_rad", std::vector<double>(model.q_home().begin(), model.q_home().end())},
                     {"base_position_m", {p.x(), p.y(), p.z()}},
                     {"base_quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}});
     // Not even under these names: a client that takes a base for fixed would send poses to the wrong place.
@@ -108,17 +106,21 @@ json RequestHandler::list() const {
       const InputSpec& spec = input.spec();
       inputs.push_back({{"name", spec.name},
                         {"quantity", to_string(spec.quantity)},
-                        {"keys", keys_of(spec.quantity)},
+                        {"keys", keys_of(spec.quantity).keys},
                         {"values", input.size()},
                         {"frame", spec.frame},
                         {"arm", modes.arm_name(instance.arm_list()[spec.arm])},
                         {"timeout_s", spec.timeout_s},
+                        {"max_speed", spec.max_speed},
+                        {"max_angular_speed", spec.max_angular_speed},
                         {"doc", spec.doc}});
     }
     for (std::size_t k = 0; k < instance.parameter_count(); ++k) {
       const ParameterSpec& spec = instance.parameter_spec(k);
-      json parameter = {
-          {"name", instance.parameter_names()[k]}, {"value", instance.parameter(k)}, {"doc", spec.doc}};
+      json parameter = {{"name", instance.parameter_names()[k]},
+                        {"value", instance.parameter(k)},
+                        {"moves", acts_as_goal(spec) || is_stiffness(spec)},
+                        {"doc", spec.doc}};
       if (spec.choices.empty()) {
         parameter.update({{"unit", spec.unit}, {"min", spec.min}, {"max", spec.max}});
       } else {
@@ -155,6 +157,7 @@ json RequestHandler::state() {
   const MultimodeController& modes = *run_.modes;
   run_.latest->copy(snapshot_);
   json arms = json::array();
+  const std::uint32_t stops = modes.stops();
   const ArmSet stopped = modes.stopped();
   for (ArmIndex a = 0; a < modes.arm_count() && snapshot_.cycle != 0; ++a) {
     const ArmSample& sample = snapshot_.arms[a].sample;
@@ -164,27 +167,18 @@ json RequestHandler::state() {
     terms_[a].update(q, dq);
   }
   for (ArmIndex a = 0; a < modes.arm_count() && snapshot_.cycle != 0; ++a) {
-    const auto& [sample, frames, last_intervention, stop_reason, success] = snapshot_.arms[a];
-    const std::size_t n = run_.models[a]->joint_count();
+    const auto& [sample, frames, last_intervention, removed_by, stop_reason, success] = snapshot_.arms[a];
     if (const auto& mount = run_.mounts[a]) terms_[a].stand_on(terms_[mount->carrier], *mount);
-    const Pose& X_WE = terms_[a].X_WE();
-    const Quaternion r = X_WE.quaternion();
-    json arm = {
-        {"arm", modes.arm_name(a)},
-        {"controllet", sample.owner < modes.instance_count() ? modes.instance(sample.owner).name() : ""},
-        {"mode", to_string(static_cast<ArmMode>(sample.mode))},
-        {"stopped", stopped.contains(a)},
-        {"q_rad", array_of(sample.q, n)},
-        {"dq_rad_per_s", array_of(sample.dq, n)},
-        {"tau_J_nm", array_of(sample.tau_J, n)},
-        {"tau_cmd_nm", array_of(sample.tau_cmd, n)},
-        {"position_m", {X_WE.position.x(), X_WE.position.y(), X_WE.position.z()}},
-        {"quaternion_wxyz", {r.w(), r.x(), r.y(), r.z()}},
-        {"age_s", sample.age_s},
-        {"errors", sample.errors},
-        {"error_names", error_list(sample.errors)},
-        {"interventions", sample.interventions},
-        {"last_intervention", last_intervention}};
+    const auto pose = terms_[a].X_WE().values();
+    json arm = state_of(sample, run_.models[a]->joint_count());
+    arm.update(
+        {{"arm", modes.arm_name(a)},
+         {"controllet", sample.owner < modes.instance_count() ? modes.instance(sample.owner).name() : ""},
+         {"stopped", stopped.contains(a)},
+         {"position_m", std::span(pose).first(3)},
+         {"quaternion_wxyz", std::span(pose).last(4)},
+         {"last_intervention", last_intervention},
+         {"removed_by", rule_name(removed_by)}});
     if (!stop_reason.empty()) arm["reason"] = stop_reason;
     if (const auto packets = run_.backend->connection(a)) {
       arm["connection"] = {{"received", packets->received},
@@ -193,17 +187,25 @@ json RequestHandler::state() {
                            {"commands_missed", success.missed()},
                            {"command_success_rate", sample.command_success_rate}};
     }
-    if (sample.has_wrench_estimate) arm["wrench_n_nm"] = sample.F_K_W_est;
-    if (sample.has_gripper) arm["gripper"] = gripper_state(sample);
     arms.push_back(std::move(arm));
   }
+  json objects = json::object();
+  for (std::size_t i = 0; run_.objects != nullptr && i < run_.objects->count(); ++i) {
+    const auto X_WO = run_.objects->read(i);
+    if (!X_WO) continue;
+    const auto pose = X_WO->values();
+    objects[run_.objects->name(i)] = {{"position_m", std::span(pose).first(3)},
+                                      {"quaternion_wxyz", std::span(pose).last(4)}};
+  }
   return {{"scene", run_.scene},
+          {"objects", objects},
           {"cycle", snapshot_.cycle},
           {"t_s", snapshot_.t.seconds()},
           {"since_cycle_s", snapshot_.cycle == 0 ? 0.0 : seconds(host_now() - snapshot_.start)},
           {"rate_hz", snapshot_.rate_hz},
           {"cycle_us", snapshot_.cycle_us},
           {"overruns", snapshot_.overruns},
+          {"stops", stops},
           {"arms", arms}};
 }
 

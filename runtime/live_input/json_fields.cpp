@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "support/spelling.hpp"
+#include "common/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -79,6 +79,17 @@ double JsonFields::number(const std::string& key, double fallback) const {
 std::vector<double> JsonFields::numbers(const std::string& key, std::size_t count) const {
   const std::string expectation = "a list of " + std::to_string(count) + " numbers";
   if (!has(key) || !object_.at(key).is_array() || object_.at(key).size() != count) expected(key, expectation);
+  return numbers(key, expectation);
+}
+
+std::vector<double> JsonFields::numbers(const std::string& key) const {
+  if (has(key) && object_.at(key).is_number()) return {number(key)};
+  const std::string expectation = "a list of numbers";
+  if (!has(key) || !object_.at(key).is_array()) expected(key, expectation);
+  return numbers(key, expectation);
+}
+
+std::vector<double> JsonFields::numbers(const std::string& key, const std::string& expectation) const {
   std::vector<double> numbers;
   for (const auto& item : object_.at(key)) {
     if (!item.is_number())
@@ -95,6 +106,15 @@ bool JsonFields::boolean(const std::string& key, bool fallback) const {
 }
 
 JsonFields JsonFields::section(const std::string& key) const { return {at(key), what_ + ", " + key}; }
+
+bool is_stop(const nlohmann::json& request) {
+  return request.is_object() && request.contains("do") && request.at("do") == "stop";
+}
+
+std::vector<std::string> with_common(std::vector<std::string> keys) {
+  keys.insert(keys.end(), {"id", "do", "asked_ns", "patience_s"});
+  return keys;
+}
 
 std::string to_line(const nlohmann::json& json) {
   return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);

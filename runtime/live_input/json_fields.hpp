@@ -29,6 +29,7 @@ class JsonFields {
   double number(const std::string& key) const;
   double number(const std::string& key, double fallback) const;
   std::vector<double> numbers(const std::string& key, std::size_t count) const;
+  std::vector<double> numbers(const std::string& key) const;  // any number of them; or a single one
   bool boolean(const std::string& key, bool fallback) const;
   JsonFields section(const std::string& key) const;
   const nlohmann::json& at(const std::string& key) const;  // refuses if absent
@@ -39,9 +40,17 @@ class JsonFields {
   [[noreturn]] void expected(const std::string& key, const std::string& expectation) const;
 
  private:
+  std::vector<double> numbers(const std::string& key, const std::string& expectation) const;
+
   const nlohmann::json& object_;
   std::string what_;
 };
+
+// Whether a request asks for a stop; it may be wrong otherwise.
+bool is_stop(const nlohmann::json& request);
+
+// Keys of a request, with those that every request may have.
+std::vector<std::string> with_common(std::vector<std::string> keys);
 
 // One line. Never throws, not even for invalid UTF-8.
 std::string to_line(const nlohmann::json& json);

@@ -2,9 +2,16 @@
 
 #include <algorithm>
 
+#include "core/record/arm_config.hpp"
 #include "core/types/codes.hpp"
 
 namespace multipanda {
+
+std::string rule_name(Intervention rule) {
+  std::string name(rule == Intervention::none ? "" : to_string(rule));
+  std::ranges::replace(name, ' ', '_');
+  return name;
+}
 
 LatestState::LatestState(std::size_t arm_count) { newest_.arms.resize(arm_count); }
 
@@ -34,21 +41,13 @@ void LatestState::take(const CycleRecord& record) {
 }
 
 void LatestState::take(const Event& event) {
-  if (event.arm >= newest_.arms.size()) return;
   const std::lock_guard lock(mutex_);
+  for (std::size_t i = 0; i < newest_.arms.size(); ++i) note_removal(event, i, newest_.arms[i].removed_by);
+  if (event.arm >= newest_.arms.size()) return;
   Arm& arm = newest_.arms[event.arm];
-  if (event.kind == EventKind::intervention) {  // as the summary of a run writes it
-    arm.last_intervention = to_string(event.intervention);
-    std::replace(arm.last_intervention.begin(), arm.last_intervention.end(), ' ', '_');
-  }
-  if (event.kind == EventKind::arm_config) {
-    const auto pose = [&](std::size_t at) {
-      const auto& v = event.values;
-      return Pose::from({v[at], v[at + 1], v[at + 2]},
-                        Quaternion(v[at + 3], v[at + 4], v[at + 5], v[at + 6]));
-    };
-    arm.frames = {pose(0), pose(7)};
-  }
+  if (event.kind == EventKind::intervention) arm.last_intervention = rule_name(event.intervention);
+  Load tool, load;
+  read_arm_config(event, arm.frames, tool, load);
 }
 
 void LatestState::take_stop_reason(std::size_t arm, std::string reason) {

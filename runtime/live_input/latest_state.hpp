@@ -8,12 +8,15 @@
 #include <string>
 #include <vector>
 
+#include "arm_interface/command_success.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/record/cycle_record.hpp"
 #include "core/state/arm_state.hpp"
-#include "device/command_success.hpp"
 
 namespace multipanda {
+
+// "reference_stale"; none: empty.
+std::string rule_name(Intervention rule);
 
 // The newest state of a run, for clients. The thread that takes the loop's records updates it; the loop does
 // not use it.
@@ -21,10 +24,11 @@ class LatestState {
  public:
   struct Arm {
     ArmSample sample;
-    ArmFrames frames;               // in force, once the loop has reported them
-    std::string last_intervention;  // its rule, "reference_stale"; empty: none
-    std::string stop_reason;        // why the arm stopped itself; empty: it reports no error
-    CommandSuccess success;         // of the commands to it
+    ArmFrames frames;                              // in force, once the loop has reported them
+    std::string last_intervention;                 // its rule, "reference_stale"; empty: none
+    Intervention removed_by = Intervention::none;  // its last controllet: note_removal()
+    std::string stop_reason;                       // why the arm stopped itself; empty: it reports no error
+    CommandSuccess success;                        // of the commands to it
   };
   struct Snapshot {
     std::uint64_t cycle = 0;  // 0: none yet

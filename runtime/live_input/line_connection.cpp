@@ -4,6 +4,7 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -32,7 +33,16 @@ ssize_t send_bytes(int file, const char* bytes, std::size_t count, int passed) {
 
 LineConnection::~LineConnection() { close(file_); }
 
-void LineConnection::receive() {
+bool LineConnection::hung_up() const {
+  pollfd watched{.fd = file_, .events = 0, .revents = 0};
+  return poll(&watched, 1, 0) > 0 && (watched.revents & (POLLHUP | POLLERR)) != 0;
+}
+
+bool LineConnection::receive() {
+  in_.erase(0, begin_);
+  scanned_ -= begin_;
+  begin_ = 0;
+  const std::size_t before = in_.size();
   std::array<char, 16 * 1024> block;
   while (!input_ended_ && in_.size() <= longest_) {
     const ssize_t n = recv(file_, block.data(), block.size(), MSG_DONTWAIT);
@@ -41,10 +51,11 @@ void LineConnection::receive() {
       continue;
     }
     if (n < 0 && errno == EINTR) continue;
-    if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
+    if (n < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) break;
     input_ended_ = true;
     broken_ = broken_ || n < 0;
   }
+  return in_.size() > before;
 }
 
 std::optional<LineConnection::Line> LineConnection::next() {
@@ -53,16 +64,15 @@ std::optional<LineConnection::Line> LineConnection::next() {
     const std::size_t end = in_.find('\n', scanned_);
     if (end == std::string::npos) {
       scanned_ = in_.size();
-      if (in_.size() <= longest_) return {};
+      if (in_.size() - begin_ <= longest_) return {};
       in_.clear();
-      scanned_ = 0;
+      begin_ = scanned_ = 0;
       if (skipping_) return {};
       skipping_ = true;
       return Line{.text = "", .too_long = true};
     }
-    Line line{.text = in_.substr(0, end), .too_long = false};
-    in_.erase(0, end + 1);
-    scanned_ = 0;
+    Line line{.text = in_.substr(begin_, end - begin_), .too_long = false};
+    begin_ = scanned_ = end + 1;
     if (skipping_) {  // the end of a line that was too long
       skipping_ = false;
       continue;
@@ -71,10 +81,6 @@ std::optional<LineConnection::Line> LineConnection::next() {
     if (!line.text.empty() && line.text.back() == '\r') line.text.pop_back();
     return line;
   }
-}
-
-bool LineConnection::has_line() const {
-  return in_.find('\n', scanned_) != std::string::npos || (input_ended_ && !in_.empty());
 }
 
 void LineConnection::send(const std::string& line) {

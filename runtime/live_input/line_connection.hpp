@@ -15,15 +15,16 @@ class LineConnection {
 
   int file() const { return file_; }
 
-  // Reads the data that has arrived, at most about one longest line.
-  void receive();
+  // Reads the data that has arrived, at most about one longest line. Returns whether something came.
+  bool receive();
   struct Line {
     std::string text;
     bool too_long = false;  // the rest of the line is dropped
   };
   std::optional<Line> next();  // the next whole line; the rest before the end of the input counts as one
-  bool has_line() const;
   bool input_ended() const { return input_ended_; }
+  // The other end is gone, and reads no answer; one that only sends nothing more still reads. A system call.
+  bool hung_up() const;
 
   void send(const std::string& line);  // adds the end of the line; kept until it can be sent
   // The same with a descriptor, which stays the caller's and must stay open until the line is sent. At most
@@ -37,9 +38,9 @@ class LineConnection {
   int file_;
   std::size_t longest_;
   std::string in_, out_;
-  std::size_t scanned_ = 0, sent_ = 0;
-  int passed_ = -1;              // descriptor to send; -1: none
-  std::size_t passed_from_ = 0;  // with this byte of out_
+  std::size_t begin_ = 0, scanned_ = 0, sent_ = 0;  // of in_: its first line, what was looked through
+  int passed_ = -1;                                 // descriptor to send; -1: none
+  std::size_t passed_from_ = 0;                     // with this byte of out_
   bool skipping_ = false, input_ended_ = false, broken_ = false;
 };
 

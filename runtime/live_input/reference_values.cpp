@@ -7,24 +7,6 @@
 namespace multipanda {
 namespace {
 
-constexpr const char* kPoseKeys = "position_m [m] with rpy_rad [rad] or quaternion_wxyz";
-
-const char* expectation(Quantity quantity) {
-  switch (quantity) {
-    case Quantity::pose:
-      return kPoseKeys;
-    case Quantity::twist:
-      return "linear_m_per_s [m/s] and/or angular_rad_per_s [rad/s]";
-    case Quantity::wrench:
-      return "force_n [N] and/or torque_nm [N m]";
-    case Quantity::joints:
-      return "q_rad [rad], one number per joint";
-    case Quantity::scalar:
-      return "value, one number";
-  }
-  return "";
-}
-
 std::vector<double> read_pair(const JsonFields& fields, const std::vector<std::string>& keys) {
   std::vector<double> values;
   for (const auto& key : keys) {
@@ -34,82 +16,60 @@ std::vector<double> read_pair(const JsonFields& fields, const std::vector<std::s
   return values;
 }
 
-}  // namespace
-
-std::vector<std::string> keys_of(Quantity quantity) {
-  switch (quantity) {
-    case Quantity::pose:
-      return {"position_m", "rpy_rad", "quaternion_wxyz"};
-    case Quantity::twist:
-      return {"linear_m_per_s", "angular_rad_per_s"};
-    case Quantity::wrench:
-      return {"force_n", "torque_nm"};
-    case Quantity::joints:
-      return {"q_rad"};
-    case Quantity::scalar:
-      return {"value"};
-  }
-  return {};
-}
-
-std::vector<std::string> reference_keys() {
-  std::vector<std::string> all;
-  for (const auto quantity :
-       {Quantity::pose, Quantity::twist, Quantity::wrench, Quantity::joints, Quantity::scalar}) {
-    const auto keys = keys_of(quantity);
-    all.insert(all.end(), keys.begin(), keys.end());
-  }
-  return all;
-}
-
-Pose read_pose(const JsonFields& fields, const std::optional<Matrix3>& rotation) {
+// x y z, w x y z, as it was given: the quaternion need not be one.
+std::vector<double> pose_values(const JsonFields& fields, const std::optional<Matrix3>& rotation) {
   const int orientations = fields.has("rpy_rad") + fields.has("quaternion_wxyz");
-  if (!fields.has("position_m") || orientations > 1 || (orientations == 0 && !rotation)) {
-    fields.refuse(std::string("a pose needs ") + kPoseKeys);
+  if (!fields.has("position_m") || orientations > 1 || (orientations == 0 && !rotation))
+    fields.refuse(std::string("a pose needs ") + keys_of(Quantity::pose).expected);
+  std::vector<double> values = fields.numbers("position_m", 3);
+  if (fields.has("quaternion_wxyz")) {
+    const auto q = fields.numbers("quaternion_wxyz", 4);
+    values.insert(values.end(), q.begin(), q.end());
+    return values;
   }
-  const auto p = fields.numbers("position_m", 3);
-  const Vector3 position(p[0], p[1], p[2]);
-  if (orientations == 0) return {*rotation, position};
+  Pose X;
   if (fields.has("rpy_rad")) {
     const auto a = fields.numbers("rpy_rad", 3);
     for (const double angle : a) {
       if (std::abs(angle) > 2.01 * std::numbers::pi)
         fields.expected("rpy_rad", "angles in radians, at most one turn (these look like degrees)");
     }
-    return {rotation_from_rpy({a[0], a[1], a[2]}), position};
+    X.rotation = rotation_from_rpy({a[0], a[1], a[2]});
+  } else {
+    X.rotation = *rotation;
   }
-  const auto q = fields.numbers("quaternion_wxyz", 4);
-  const Quaternion quaternion(q[0], q[1], q[2], q[3]);
-  if (std::abs(quaternion.norm() - 1) > 1e-2)
-    fields.expected("quaternion_wxyz", "a unit quaternion, w first");
-  return Pose::from(position, quaternion);
+  const Quaternion q = X.quaternion();
+  values.insert(values.end(), {q.w(), q.x(), q.y(), q.z()});
+  return values;
 }
 
-std::vector<double> read_reference(const JsonFields& fields, const InputSpec& input, std::size_t size) {
-  const auto right = keys_of(input.quantity);
-  const auto carries = "input '" + input.name + "' carries a " + std::string(to_string(input.quantity)) +
-                       ": expected " + expectation(input.quantity);
+}  // namespace
+
+std::vector<std::string> reference_keys() {
+  std::vector<std::string> all{"values"};
+  for (const auto& row : quantity_keys()) all.insert(all.end(), row.keys.begin(), row.keys.end());
+  return all;
+}
+
+Pose read_pose(const JsonFields& fields, const std::optional<Matrix3>& rotation) {
+  const auto v = pose_values(fields, rotation);
+  const Quaternion q(v[3], v[4], v[5], v[6]);
+  if (!(std::abs(q.norm() - 1) <= 1e-2)) fields.expected("quaternion_wxyz", "a unit quaternion, w first");
+  return Pose::from({v[0], v[1], v[2]}, q);
+}
+
+std::vector<double> read_reference(const JsonFields& fields, const InputSpec& input) {
+  const auto& own = keys_of(input.quantity).keys;
+  std::vector<std::string> found;
   for (const auto& key : reference_keys()) {
-    if (fields.has(key) && std::find(right.begin(), right.end(), key) == right.end()) fields.refuse(carries);
+    if (fields.has(key)) found.push_back(key);
   }
-  if (std::none_of(right.begin(), right.end(), [&](const auto& key) { return fields.has(key); })) {
-    fields.refuse(carries);
-  }
-  switch (input.quantity) {
-    case Quantity::pose: {
-      const Pose X = read_pose(fields);
-      const Quaternion q = X.quaternion();
-      return {X.position.x(), X.position.y(), X.position.z(), q.w(), q.x(), q.y(), q.z()};
-    }
-    case Quantity::twist:
-    case Quantity::wrench:
-      return read_pair(fields, right);
-    case Quantity::joints:
-      return fields.numbers("q_rad", size);
-    case Quantity::scalar:
-      break;
-  }
-  return {fields.number("value")};
+  if (found == std::vector<std::string>{"values"}) return fields.numbers("values");
+  const auto is_own = [&](const auto& key) { return std::ranges::find(own, key) != own.end(); };
+  if (found.empty() || !std::ranges::all_of(found, is_own)) fields.refuse(carries_text(input));
+  if (input.quantity == Quantity::pose) return pose_values(fields, {});
+  if (own.size() == 2) return read_pair(fields, own);
+  return fields.numbers(own[0]);
 }
 
 }  // namespace multipanda

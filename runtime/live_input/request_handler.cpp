@@ -4,11 +4,14 @@
 #include <bit>
 #include <cmath>
 
-#include "device/request_patience.hpp"
+#include <fmt/format.h>
+
+#include "arm_interface/request_patience.hpp"
+#include "common/spelling.hpp"
+#include "core/types/gap_watch.hpp"
 #include "runtime/live_input/backend_requests.hpp"
 #include "runtime/live_input/reference_values.hpp"
 #include "runtime/request_text.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda {
 namespace {
@@ -19,13 +22,6 @@ constexpr double kPatience = MultimodeController::kPatience;       // for the lo
 constexpr double kArmPatience = kRequestPatience + kRequestSlack;  // for a backend's answer [s]
 constexpr double kGripperPatience = 600;                           // for the end of a gripper's motion [s]
 constexpr double kFarthestSample = 10;                             // of a chunk, from now [s]
-constexpr double kLongest = 86400;                                 // of a motion [s]
-
-// Adds the keys that every request may have.
-std::vector<std::string> with_common(std::vector<std::string> keys) {
-  keys.insert(keys.end(), {"id", "do"});
-  return keys;
-}
 
 const std::vector<std::string> kLoopRequests = {"switch", "feature", "parameter", "reference", "stop",
                                                 "resume", "list",    "state",     "episode"};
@@ -43,46 +39,110 @@ std::vector<std::string> all_requests() {
 
 }  // namespace
 
-RequestHandler::RequestHandler(LiveInputContext run) : run_(std::move(run)), reach_(run_.models) {
+RequestHandler::RequestHandler(LiveInputContext run) : run_(std::move(run)) {
   for (const auto& model : run_.models) terms_.emplace_back(model);
   run_.mounts.resize(run_.models.size());
 }
 
-std::optional<json> RequestHandler::begin(const json& request, Pending& pending) {
+void RequestHandler::begin_stop(const json& request, Pending& pending) {
+  const JsonFields fields(request, "stop");
+  try {
+    pending.stopping = arms_in(fields);
+    fields.allow(with_common({"arms"}));
+  } catch (const std::exception& error) {
+    pending.stopping = ArmSet::all(run_.modes->arm_count());
+    pending.wrong = error.what();
+  }
+  run_.modes->stop(pending.stopping);
+}
+
+// Until when the request may act: its asker waits no longer, or nobody knows how long it waits.
+void RequestHandler::keep_patience(const JsonFields& fields, HostTime not_before, Pending& pending) {
+  constexpr double kAskersPatience = 10, kAhead = 1, kLongest = 86400;  // [s]
+  double patience = fields.has("asked_ns") ? kAskersPatience : kPatience;
+  HostTime& asked = pending.asked;
+  if (fields.has("patience_s")) {
+    patience = fields.number("patience_s");
+    if (!(patience > 0 && patience <= kLongest)) fields.expected("patience_s", "above 0 to 86400 seconds");
+  }
+  if (fields.has("asked_ns")) {
+    if (!fields.at("asked_ns").is_number_integer()) fields.expected("asked_ns", "a whole number");
+    asked.ns = fields.at("asked_ns").get<std::int64_t>();
+    if (asked.ns < 0 || seconds(asked - pending.received) > kAhead)
+      fields.expected("asked_ns", "this computer's CLOCK_MONOTONIC (see 'now_ns' of the answers)");
+  }
+  if (asked < not_before) throw RequestRefused(std::string(name_of(Verdict::timeout)), kStoodStill);
+  *pending.begin_by = asked.ns + static_cast<std::int64_t>(1e9 * patience);
+  if (pending.received.ns <= *pending.begin_by) return;
+  throw RequestRefused(std::string(name_of(Verdict::timeout)),
+                       fmt::format("it was asked {:.1f} s ago, its asker waits for {:g} s, and it is not "
+                                   "executed: look at the arms, then ask again",
+                                   seconds(pending.received - asked), patience));
+}
+
+void RequestHandler::check_whose_arms(const JsonFields& fields) const {
+  if (run_.stops_only)
+    fields.refuse("this program commands its arms by itself; others may ask for 'stop', 'state' and 'list'");
+}
+
+void RequestHandler::abandon(Pending& pending) {
+  *pending.begin_by = 0;
+  if (pending.ticket != 0) (void)run_.modes->withdraw(pending.ticket);
+}
+
+std::optional<json> RequestHandler::begin(const json& request, Pending& pending, HostTime arrived,
+                                          HostTime not_before) {
+  pending.received = host_now();
+  pending.asked = arrived;
+  if (is_stop(request)) {
+    begin_stop(request, pending);
+    return {};
+  }
   const JsonFields fields(request, "request");
   const std::string word = fields.text("do");
   const JsonFields named(request, word);
-  pending.received = host_now();
-  if (word == "switch") return begin_switch(named, pending);
-  if (word == "feature") return begin_feature(named, pending);
-  if (word == "parameter") return begin_parameter(named, pending);
-  if (word == "reference") return begin_reference(named, pending);
-  if (word == "stop") {
-    named.allow(with_common({"arms"}));
-    pending.stopping = arms_in(named);
-    run_.modes->stop(pending.stopping);
+  if (word != "list" && word != "state") check_whose_arms(named);
+  if (const auto names = backend_request_names(); std::ranges::find(names, word) != names.end()) {
+    begin_backend_request(word, named, not_before, pending);
     return {};
   }
-  if (word == "resume") {
-    named.allow(with_common({"arms"}));
-    Request resume{.kind = Request::Kind::resume};
-    resume.arms = arms_in(named);
-    return post(resume, pending);
+  if (word != "list" && word != "state") keep_patience(named, not_before, pending);
+  if (const auto asked = read(word, named)) {
+    if (asked->target.delivery != Delivery::stream) return post(*asked, pending);
+    const Reference& input = run_.modes->instance(asked->instance).inputs()[asked->index];
+    const bool late = seconds(pending.received - pending.asked) > input.spec().timeout_s;
+    const Verdict verdict = late ? Verdict::timeout : run_.modes->post_sample(*asked);
+    if (verdict != Verdict::accepted) return refusal(verdict, reason(*run_.modes, *asked, verdict));
+    return json{{"ok", true}, {"streamed", true}};
   }
   if (word == "list" || word == "state") {
     named.allow(with_common({}));
     return word == "list" ? list() : json{{"ok", true}, {"state", state()}};
   }
   if (word == "episode") return mark_episode(named);
-  if (const auto names = backend_request_names(); std::ranges::find(names, word) != names.end()) {
-    begin_backend_request(word, named, pending);
-    return {};
-  }
   fields.refuse("unknown request '" + word.substr(0, 60) + "'" +
                 name_hint(word, all_requests(), "there are none"));
 }
 
-std::optional<json> RequestHandler::begin_switch(const JsonFields& fields, Pending& pending) {
+std::optional<Request> RequestHandler::read(const std::string& word, const JsonFields& fields) const {
+  if (word == "switch") return read_switch(fields);
+  if (word == "feature") return read_feature(fields);
+  if (word == "parameter") return read_parameter(fields);
+  if (word == "reference") return read_reference(fields);
+  if (word != "resume") return {};
+  fields.allow(with_common({"arms", "stops"}));
+  Request resume{.kind = Request::Kind::resume};
+  resume.arms = arms_in(fields);
+  if (fields.has("stops")) {
+    const json& stops = fields.at("stops");
+    if (!stops.is_number_unsigned() || stops.get<std::uint64_t>() >= Request::kEveryStop)
+      fields.expected("stops", "the whole number of this name in the state");
+    resume.stops = stops.get<std::uint32_t>();
+  }
+  return resume;
+}
+
+Request RequestHandler::read_switch(const JsonFields& fields) const {
   fields.allow(with_common({"activate", "deactivate", "only"}));
   Request request{.kind = Request::Kind::switch_controllets};
   for (const auto& name : fields.texts("activate")) request.activate |= bit(instance(name));
@@ -94,10 +154,10 @@ std::optional<json> RequestHandler::begin_switch(const JsonFields& fields, Pendi
   if (const InstanceSet both = request.activate & request.deactivate; both != 0) {
     fields.refuse("'" + names_of(*run_.modes, both).front() + "' is in activate and in deactivate");
   }
-  return post(request, pending);
+  return request;
 }
 
-std::optional<json> RequestHandler::begin_feature(const JsonFields& fields, Pending& pending) {
+Request RequestHandler::read_feature(const JsonFields& fields) const {
   fields.allow(with_common({"controllet", "name", "on"}));
   Request request{.kind = Request::Kind::set_feature};
   request.instance = instance_in(fields);
@@ -109,10 +169,10 @@ std::optional<json> RequestHandler::begin_feature(const JsonFields& fields, Pend
   }
   request.index = static_cast<std::uint16_t>(index);
   request.on = fields.boolean("on", true);
-  return post(request, pending);
+  return request;
 }
 
-std::optional<json> RequestHandler::begin_parameter(const JsonFields& fields, Pending& pending) {
+Request RequestHandler::read_parameter(const JsonFields& fields) const {
   fields.allow(with_common({"controllet", "name", "value"}));
   Request request{.kind = Request::Kind::set_parameter};
   request.instance = instance_in(fields);
@@ -142,7 +202,7 @@ std::optional<json> RequestHandler::begin_parameter(const JsonFields& fields, Pe
     const auto numbers = fields.numbers("value", size);
     std::copy(numbers.begin(), numbers.end(), request.values.begin());
   }
-  return post(request, pending);
+  return request;
 }
 
 RequestHandler::Address RequestHandler::address_in(const JsonFields& fields) const {
@@ -150,12 +210,7 @@ RequestHandler::Address RequestHandler::address_in(const JsonFields& fields) con
   const Instance& target = run_.modes->instance(address.instance);
   const std::string name = fields.text("input");
   const std::size_t index = target.find_input(name);
-  if (index == target.inputs().size()) {
-    std::vector<std::string> valid;
-    for (const auto& input : target.inputs()) valid.push_back(input.spec().name);
-    throw RequestRefused("unknown_input", "'" + target.name() + "' has no input '" + name + "'" +
-                                              name_hint(name, valid, "it has none"));
-  }
+  if (index == target.inputs().size()) throw RequestRefused("unknown_input", no_such_input(target, name));
   address.input = static_cast<std::uint16_t>(index);
   const InputSpec& spec = target.inputs()[index].spec();
   if (!fields.has("frame")) return address;
@@ -181,44 +236,49 @@ RequestHandler::Address RequestHandler::address_in(const JsonFields& fields) con
   return address;
 }
 
-std::optional<json> RequestHandler::begin_reference(const JsonFields& fields, Pending& pending) {
-  std::vector<std::string> keys = {"controllet", "input", "frame", "duration_s", "stream"};
+Request RequestHandler::read_reference(const JsonFields& fields) const {
+  std::vector<std::string> keys = {"controllet", "input", "frame", "duration_s", "stream", "until"};
   for (const auto& key : reference_keys()) keys.push_back(key);
   fields.allow(with_common(keys));
   const Address address = address_in(fields);
-  Instance& target = run_.modes->instance(address.instance);
-  Reference& input = target.inputs()[address.input];
-  std::vector<double> values = read_reference(fields, input.spec(), input.size());
-  if (input.spec().quantity == Quantity::joints) {
-    const ArmModel& model = model_of(address.instance, input.spec());
-    if (const auto joint = joint_beyond_limit(model, values)) {
-      const auto k = static_cast<Eigen::Index>(*joint);
-      const std::string unit = model.is_prismatic(*joint) ? " m" : " rad";
-      throw RequestRefused("out_of_bounds", "joint " + std::to_string(*joint + 1) + ": " +
-                                                json(values[*joint]).dump() + unit + " is outside of " +
-                                                json(model.limits().q_min[k]).dump() + " to " +
-                                                json(model.limits().q_max[k]).dump() + unit);
-    }
-  }
-  if (address.X_WB) to_world(input.spec().quantity, *address.X_WB, values);
-  if (const std::string why = beyond_reach(target, input.spec(), values); !why.empty())
-    throw RequestRefused("out_of_bounds", why);
+  const InputSpec& input = run_.modes->instance(address.instance).inputs()[address.input].spec();
   Request request{.kind = Request::Kind::set_target};
   request.instance = address.instance;
   request.index = address.input;
-  Target& set_point = request.target;
-  set_point.size = static_cast<std::uint8_t>(values.size());
-  std::copy(values.begin(), values.end(), set_point.values.begin());
-  set_point.duration_s = fields.number("duration_s", 0);
-  if (!(set_point.duration_s >= 0 && set_point.duration_s <= kLongest))
-    fields.expected("duration_s", "0 to 86400 seconds");
-  if (!fields.boolean("stream", false)) return post(request, pending);
-  // A stream goes directly to the input, which uses the newest sample at the next cycle.
-  set_point.delivery = Delivery::stream;
-  Verdict verdict = Verdict::not_active;
-  if ((run_.modes->active() & bit(address.instance)) != 0) verdict = input.post(set_point);
-  if (verdict != Verdict::accepted) return refusal(verdict, reason(*run_.modes, request, verdict));
-  return json{{"ok", true}, {"streamed", true}};
+  request.target.set(multipanda::read_reference(fields, input));
+  if (address.X_WB) request.target.to_world(input.quantity, *address.X_WB);
+  request.target.duration_s = fields.number("duration_s", 0);
+  if (fields.boolean("stream", false)) request.target.delivery = Delivery::stream;
+  if (fields.has("until")) request.until = read_until(fields, request);
+  return request;
+}
+
+GoalEnd RequestHandler::read_until(const JsonFields& fields, const Request& request) const {
+  const Instance& target = run_.modes->instance(request.instance);
+  const InputSpec& input = target.inputs()[request.index].spec();
+  const bool place = input.quantity == Quantity::pose || input.quantity == Quantity::joints;
+  if (!place || request.target.delivery != Delivery::goal)
+    fields.refuse("only a goal for a pose or joints has an 'until'");
+  const JsonFields ends = fields.section("until");
+  static const std::vector<std::string> kKeys = {"force_n", "torque_nm", "distance_m"};
+  ends.allow(kKeys);
+  GoalEnd until;
+  for (std::size_t cause = 0; cause < kKeys.size(); ++cause) {
+    if (!ends.has(kKeys[cause])) continue;
+    until.limits[cause] = ends.number(kKeys[cause]);
+    if (!(until.limits[cause] > 0 && until.limits[cause] <= Reference::kGreatest))
+      ends.expected(kKeys[cause], "a number above 0, at most 1000");
+  }
+  if (!until.set()) ends.refuse("is empty; expected " + joined(kKeys, " or "));
+  LatestState::Snapshot now;
+  run_.latest->copy(now);
+  for (const ArmIndex arm : target.arm_list()) {
+    if (until.feels() && now.cycle != 0 && !now.arms[arm].sample.has_wrench_estimate)
+      throw RequestRefused(std::string(name_of(Verdict::arm_not_ready)),
+                           "the force of arm '" + run_.modes->arm_name(arm) +
+                               "' is not known here; leave 'force_n' and 'torque_nm' out");
+  }
+  return until;
 }
 
 // An episode is begun once and judged once; afterwards it can still be discarded.
@@ -249,8 +309,10 @@ json RequestHandler::mark_episode(const JsonFields& fields) {
 }
 
 void RequestHandler::begin_backend_request(const std::string& name, const JsonFields& fields,
-                                           Pending& pending) {
+                                           HostTime not_before, Pending& pending) {
   BackendRequest request = read_backend_request(name, fields, with_common({}));
+  if (!ends_motion(request)) keep_patience(fields, not_before, pending);
+  std::visit([&](auto& asked) { asked.begin_by = pending.begin_by; }, request);
   if (auto* of_world = std::get_if<WorldRequest>(&request)) {
     auto* place = std::get_if<PlaceObject>(of_world);
     if (place != nullptr && !fields.has("rpy_rad") && !fields.has("quaternion_wxyz")) {
@@ -270,18 +332,17 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
     pending.answer = run_.backend->request(target, std::move(*of_gripper));
   } else {
     auto& of_arm = std::get<ArmRequest>(request);
-    // A payload declared too heavy makes the arm push upwards.
-    constexpr double kMostMass = 50;  // [kg]
     const auto* load = std::get_if<SetLoad>(&of_arm);
-    if (load != nullptr && load->load.mass > kMostMass) fields.expected("mass_kg", "a mass of 0 to 50 kg");
     if (load != nullptr) pending.done = load_done(target, load->load.mass);
-    pending.answer = run_.backend->request(target, std::move(of_arm));
+    pending.answer = request_arm(*run_.modes, *run_.backend, target, std::move(of_arm));
   }
 }
 
 std::optional<json> RequestHandler::post(const Request& request, Pending& pending) {
   pending.request = request;
-  const Verdict verdict = run_.modes->post(std::span(&request, 1), pending.ticket);
+  const double left = 1e-9 * static_cast<double>(*pending.begin_by - pending.received.ns);
+  const Verdict verdict =
+      run_.modes->post(std::span(&request, 1), pending.ticket, std::min(kPatience, left), pending.asked);
   if (verdict == Verdict::accepted) return {};
   return refusal(verdict, reason(*run_.modes, request, verdict));
 }
@@ -317,9 +378,11 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
     return refusal(Verdict::pending, kRequestUnfinished);  // not "timeout": nobody can take it back
   }
   if (run_.modes->stopped().contains(pending.stopping)) {
-    return json{{"ok", true},
-                {"stopped", names_of(*run_.modes, pending.stopping)},
-                {"stopped_after_ms", waited * 1e3}};
+    json stopped{{"ok", true},
+                 {"stopped", names_of(*run_.modes, pending.stopping)},
+                 {"stopped_after_ms", waited * 1e3}};
+    if (!pending.wrong.empty()) stopped["message"] = pending.wrong + ": all arms are stopped";
+    return stopped;
   }
   if (waited <= kPatience) return {};
   return refusal(Verdict::timeout,
@@ -331,6 +394,7 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
 
 StreamChannel RequestHandler::open_channel(const json& request) const {
   const JsonFields fields(request, "stream");
+  check_whose_arms(fields);
   fields.allow(with_common({"controllet", "input", "frame"}));
   const Address address = address_in(fields);
   StreamChannel channel;
@@ -343,11 +407,13 @@ StreamChannel RequestHandler::open_channel(const json& request) const {
 
 // Counts a packet. False if it is not to be used.
 bool RequestHandler::begin_packet(const StreamPacket& packet, StreamChannel& channel, double age_s) {
-  if (channel.received > 0 && packet.sequence <= channel.last) {
+  // Numbers go on at 0 after the largest one.
+  const auto ahead = static_cast<std::int64_t>(packet.sequence - channel.last);
+  if (channel.received > 0 && ahead <= 0) {
     ++channel.late;
     return false;
   }
-  if (channel.received > 0) channel.lost += packet.sequence - channel.last - 1;
+  if (channel.received > 0) channel.lost += static_cast<std::uint64_t>(ahead) - 1;
   channel.last = packet.sequence;
   channel.client_time_ns = packet.client_time_ns;
   ++channel.received;
@@ -358,72 +424,59 @@ bool RequestHandler::begin_packet(const StreamPacket& packet, StreamChannel& cha
   return false;
 }
 
-// Of what the input does not know itself; changes the values to the input's frame.
-Verdict RequestHandler::check_sample(const StreamChannel& channel, std::span<double> values) {
-  const Instance& instance = run_.modes->instance(channel.instance);
-  const InputSpec& input = instance.inputs()[channel.input].spec();
-  if (input.quantity == Quantity::joints && joint_beyond_limit(model_of(channel.instance, input), values))
-    return Verdict::out_of_bounds;
-  if (channel.X_WB) to_world(input.quantity, *channel.X_WB, values);
-  return beyond_reach(instance, input, values).empty() ? Verdict::accepted : Verdict::out_of_bounds;
+Request RequestHandler::sample_of(const StreamChannel& channel, Target target) const {
+  Request sample{.kind = Request::Kind::set_target};
+  sample.instance = channel.instance;
+  sample.index = channel.input;
+  sample.target = target;
+  sample.target.delivery = Delivery::stream;
+  const Quantity quantity = run_.modes->instance(channel.instance).inputs()[channel.input].spec().quantity;
+  if (channel.X_WB) sample.target.to_world(quantity, *channel.X_WB);
+  return sample;
+}
+
+void RequestHandler::conclude(Verdict verdict, const Request& sample, StreamChannel& channel) {
+  channel.verdict = verdict;
+  if (verdict == Verdict::accepted) return;
+  ++channel.refused;
+  channel.reason = reason(*run_.modes, sample, verdict);
+  discard(channel);
 }
 
 void RequestHandler::deliver(const StreamPacket& packet, StreamChannel& channel, double age_s) {
   if (!begin_packet(packet, channel, age_s)) return;
-  Reference& input = run_.modes->instance(channel.instance).inputs()[channel.input];
   Target target;
-  target.delivery = Delivery::stream;
   target.size = static_cast<std::uint8_t>(packet.count);
   target.values = packet.values;
-  const bool active = (run_.modes->active() & bit(channel.instance)) != 0;
-  channel.verdict = active ? input.check(target) : Verdict::not_active;
-  if (channel.verdict == Verdict::accepted)
-    channel.verdict = check_sample(channel, std::span(target.values.data(), packet.count));
-  if (channel.verdict == Verdict::accepted) channel.verdict = input.post(target);
-  if (channel.verdict == Verdict::accepted) return;
-  ++channel.refused;
-  discard(channel);
+  const Request sample = sample_of(channel, target);
+  conclude(run_.modes->post_sample(sample), sample, channel);
 }
 
 void RequestHandler::deliver(const ChunkPacket& packet, StreamChannel& channel, double age_s) {
   if (!begin_packet(packet.head, channel, age_s)) return;
   Reference& input = run_.modes->instance(channel.instance).inputs()[channel.input];
   Chunk chunk = packet.chunk;
-  run_.latest->copy(snapshot_);
-  const bool active = (run_.modes->active() & bit(channel.instance)) != 0;
-  channel.verdict = active ? input.check(chunk) : Verdict::not_active;
-  if (channel.verdict == Verdict::accepted &&
-      chunk.times_s[chunk.count - 1u] > snapshot_.t.seconds() + kFarthestSample)
-    channel.verdict = Verdict::out_of_bounds;
-  for (std::size_t k = 0; k < chunk.count && channel.verdict == Verdict::accepted; ++k)
-    channel.verdict = check_sample(channel, std::span(chunk.values[k].data(), chunk.size));
-  std::uint64_t number = 0;
-  if (channel.verdict == Verdict::accepted) channel.verdict = input.post(chunk, number);
-  if (channel.verdict == Verdict::accepted) {
-    channel.chunk = number;
-    return;
+  Request sample = sample_of(channel, {});
+  const bool fits = chunk.count > 0 && chunk.count <= Chunk::kMostSamples;
+  Verdict verdict = fits ? Verdict::accepted : Verdict::wrong_size;
+  for (std::size_t k = 0; k < chunk.count && verdict == Verdict::accepted; ++k) {
+    sample = sample_of(channel, chunk.sample(k));
+    chunk.values[k] = sample.target.values;
+    verdict = run_.modes->check_sample(sample);
   }
-  ++channel.refused;
-  discard(channel);
+  run_.latest->copy(snapshot_);
+  if (verdict == Verdict::accepted &&
+      chunk.times_s[chunk.count - 1u] > snapshot_.t.seconds() + kFarthestSample)
+    verdict = Verdict::out_of_bounds;
+  std::uint64_t number = 0;
+  if (verdict == Verdict::accepted) verdict = input.post(chunk, number);
+  conclude(verdict, sample, channel);
+  if (verdict == Verdict::accepted) channel.chunk = number;
 }
 
 void RequestHandler::discard(StreamChannel& channel) {
   run_.modes->instance(channel.instance).inputs()[channel.input].discard(channel.chunk);
   channel.chunk = 0;
-}
-
-// A new end effector is looked up only where the known one is too short.
-std::string RequestHandler::beyond_reach(const Instance& instance, const InputSpec& input,
-                                         std::span<const double> values) {
-  std::string why = reach_.refusal(instance, input, values);
-  if (why.empty() && reach_known_) return {};
-  run_.latest->copy(snapshot_);
-  if (snapshot_.cycle == 0) return {};
-  reach_known_ = true;
-  for (ArmIndex arm = 0; arm < snapshot_.arms.size(); ++arm) {
-    if (!run_.mounts[arm]) reach_.set_end_effector(arm, snapshot_.arms[arm].frames.X_FE);
-  }
-  return reach_.refusal(instance, input, values);
 }
 
 // --- names ---
@@ -453,10 +506,6 @@ ArmSet RequestHandler::arms_in(const JsonFields& fields) const {
   ArmSet arms;
   for (const auto& name : names) arms |= ArmSet::of(arm(name));
   return arms;
-}
-
-const ArmModel& RequestHandler::model_of(InstanceIndex i, const InputSpec& input) const {
-  return *run_.models[run_.modes->instance(i).arm_list()[input.arm]];
 }
 
 }  // namespace multipanda

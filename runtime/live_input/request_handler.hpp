@@ -1,7 +1,9 @@
 #pragma once
 
+#include <atomic>
 #include <functional>
 #include <future>
+#include <limits>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -17,9 +19,9 @@
 #include "runtime/live_input/json_fields.hpp"
 #include "runtime/live_input/latest_state.hpp"
 #include "runtime/live_input/stream_packet.hpp"
-#include "runtime/reach.hpp"
+#include "runtime/object_poses.hpp"
 #include "runtime/shared_records/shared_records.hpp"
-#include "scene/flange_load.hpp"
+#include "scene/build.hpp"
 
 namespace multipanda {
 
@@ -40,9 +42,11 @@ struct LiveInputContext {
   std::vector<std::optional<BaseMount>> mounts = {};    // per arm: carried by another one; empty: none
   std::map<std::string, Matrix3> rotations;             // of the scene's objects: default of placements
   std::vector<FlangeLoad> flanges;                      // per arm: what it may carry; empty: not known
+  const ObjectPoses* objects = nullptr;                 // of the simulated world; none: there are none
   const SharedRecords* records = nullptr;               // none: not on this computer
   std::function<void(const EpisodeMark&)> mark;         // into log and events
   std::shared_ptr<EpisodeCount> episodes = std::make_shared<EpisodeCount>();
+  bool stops_only = false;  // the program commands its arms by itself: others may only look and stop
 };
 
 // Destination and counts of one binary stream.
@@ -60,6 +64,7 @@ struct StreamChannel {
   std::uint64_t late_before = 0;       // of the input, when the channel was opened
   std::uint64_t chunk = 0;             // the newest one taken, by its number in the input; 0: none
   Verdict verdict = Verdict::pending;  // of the newest
+  std::string reason;                  // of the newest that was refused
 };
 
 // Translates JSON requests (docs/live_input.md) to requests of the core and their answers back to JSON. It
@@ -70,17 +75,31 @@ class RequestHandler {
 
   // A request that was started and is not answered yet.
   struct Pending {
-    HostTime received;
+    HostTime received, asked;
     std::uint64_t ticket = 0;           // of the mailbox
     Request request;                    // what the ticket is for
     std::future<RequestAnswer> answer;  // of the backend
     double patience_s = 0;              // for the backend's answer, if it takes longer than usual
     nlohmann::json done;                // added to the backend's answer if it succeeds
     ArmSet stopping;                    // arms of a stop request
+    std::string wrong;                  // in that request; empty: nothing
+    std::shared_ptr<std::atomic<std::int64_t>> begin_by =  // host time [ns]
+        std::make_shared<std::atomic<std::int64_t>>(std::numeric_limits<std::int64_t>::max());
   };
 
-  // The answer, or nothing if the request is pending. Throws RequestRefused.
-  std::optional<nlohmann::json> begin(const nlohmann::json& request, Pending& pending);
+  // The answer, or nothing if the request is pending. Throws RequestRefused. A stop is never refused:
+  // whatever is wrong with it, it stops all arms, and its answer says why. Everything else that acts is
+  // refused, at the last moment before it does, if it waits for longer than its asker since it was asked or
+  // has `arrived`, or was asked before `not_before`: then the program stood still.
+  std::optional<nlohmann::json> begin(const nlohmann::json& request, Pending& pending,
+                                      HostTime arrived = host_now(), HostTime not_before = {});
+  // Its asker is gone: what has not begun does not begin.
+  void abandon(Pending& pending);
+  // What the JSON of a switch, feature, parameter, reference or resume asks of the loop; nothing: `word` is
+  // another one. A sample of a stream has this delivery. Throws RequestRefused.
+  std::optional<Request> read(const std::string& word, const JsonFields& fields) const;
+  ArmSet arms_in(const JsonFields& fields) const;  // "arms": all where absent
+  ArmIndex arm(const std::string& name) const;
   // The answer, once it is available or too late.
   std::optional<nlohmann::json> poll(Pending& pending);
 
@@ -102,36 +121,35 @@ class RequestHandler {
 
  private:
   bool begin_packet(const StreamPacket& packet, StreamChannel& channel, double age_s);
-  Verdict check_sample(const StreamChannel& channel, std::span<double> values);
+  Request sample_of(const StreamChannel& channel, Target target) const;
+  void conclude(Verdict verdict, const Request& sample, StreamChannel& channel);
   struct Address {
     InstanceIndex instance;
     std::uint16_t input;
     std::optional<Pose> X_WB;
   };
 
-  std::optional<nlohmann::json> begin_switch(const JsonFields& fields, Pending& pending);
-  std::optional<nlohmann::json> begin_feature(const JsonFields& fields, Pending& pending);
-  std::optional<nlohmann::json> begin_parameter(const JsonFields& fields, Pending& pending);
-  std::optional<nlohmann::json> begin_reference(const JsonFields& fields, Pending& pending);
+  void begin_stop(const nlohmann::json& request, Pending& pending);
+  void check_whose_arms(const JsonFields& fields) const;
+  static void keep_patience(const JsonFields& fields, HostTime not_before, Pending& pending);
+  Request read_switch(const JsonFields& fields) const;
+  Request read_feature(const JsonFields& fields) const;
+  Request read_parameter(const JsonFields& fields) const;
+  Request read_reference(const JsonFields& fields) const;
+  GoalEnd read_until(const JsonFields& fields, const Request& request) const;
   std::optional<nlohmann::json> post(const Request& request, Pending& pending);
   nlohmann::json mark_episode(const JsonFields& fields);
-  void begin_backend_request(const std::string& name, const JsonFields& fields, Pending& pending);
+  void begin_backend_request(const std::string& name, const JsonFields& fields, HostTime not_before,
+                             Pending& pending);
 
   InstanceIndex instance(const std::string& name) const;
   InstanceIndex instance_in(const JsonFields& fields) const;
-  ArmIndex arm(const std::string& name) const;
-  ArmSet arms_in(const JsonFields& fields) const;  // "arms": all where absent
   Address address_in(const JsonFields& fields) const;
-  const ArmModel& model_of(InstanceIndex i, const InputSpec& input) const;
   nlohmann::json answer_of(const Answer& answer, const Request& request) const;
   nlohmann::json load_done(ArmIndex arm, double payload) const;
   nlohmann::json refusal(Verdict verdict, const std::string& reason) const;
-  // Why a pose is out of reach, with the end effectors in force; empty: it may be in reach.
-  std::string beyond_reach(const Instance& instance, const InputSpec& input, std::span<const double> values);
 
   LiveInputContext run_;
-  Reach reach_;
-  bool reach_known_ = false;  // the end effectors have been looked up
   LatestState::Snapshot snapshot_;
   std::vector<ModelTerms> terms_;
 };

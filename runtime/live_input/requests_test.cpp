@@ -1,14 +1,19 @@
 #include <cmath>
 #include <random>
+#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "device/arm_error.hpp"
-#include "device/request_patience.hpp"
+#include "arm_interface/arm_error.hpp"
+#include "arm_interface/request_patience.hpp"
+#include "core/state/arm_state.hpp"
+#include "core/testing/drawn_sample.hpp"
+#include "core/testing/wrong_goals.hpp"
 #include "runtime/live_input/backend_requests.hpp"
 #include "runtime/live_input/request_handler.hpp"
 #include "runtime/live_input/testing/live_fixture.hpp"
+#include "runtime/request_text.hpp"
 
 namespace multipanda::requests_test {
 namespace {
@@ -52,6 +57,34 @@ class RequestsTest : public testing::Test {
   test::LiveFixture fixture_;
   RequestHandler handler_;
 };
+
+// By the walk over the table of core/record/arm_sample.hpp. What the arm does not report is absent.
+TEST(StateOf, HoldsEveryQuantityOfAnArm) {
+  std::mt19937_64 random(3);
+  for (const bool reports : {true, true, false}) {
+    const test::DrawnSample drawn = test::draw_sample(random, 7, reports);
+    const json state = state_of(drawn.sample, 7);
+    for (const auto& [name, expected] : drawn.numbers) {
+      if (name == "mode") continue;
+      const bool of_gripper = name.starts_with("gripper_");
+      const json& holder = of_gripper ? state.value("gripper", json::object()) : state;
+      const std::string key = of_gripper ? name.substr(8) : name;
+      ASSERT_EQ(holder.contains(key), reports || drawn.known.at(name) == "always") << name;
+      if (!holder.contains(key)) continue;
+      const json found = holder[key].is_array() ? holder[key] : json::array({holder[key]});
+      ASSERT_EQ(found.size(), expected.size()) << name;
+      for (std::size_t k = 0; k < found.size(); ++k) {
+        const double value =
+            found[k].is_boolean() ? (found[k].get<bool>() ? 1.0 : 0.0) : found[k].get<double>();
+        EXPECT_NEAR(value, expected[k], 1e-14) << name;
+      }
+    }
+    EXPECT_EQ(state["mode"], to_string(static_cast<ArmMode>(drawn.sample.mode)));
+    EXPECT_EQ(state["error_names"], error_list(drawn.sample.errors));
+    EXPECT_EQ(state["due"].type(), json::value_t::boolean);
+    EXPECT_TRUE(state["q_rad"].is_array());
+  }
+}
 
 TEST_F(RequestsTest, SwitchesAndReportsWhatAndWhen) {
   const json answer = ask(R"({"do":"switch","activate":["pose0"]})");
@@ -181,7 +214,110 @@ TEST_F(RequestsTest, ARequestThatAnArmHasBegunIsNotCalledFailed) {
   const auto answer = handler_.poll(begun);
   ASSERT_TRUE(answer);
   EXPECT_EQ((*answer)["verdict"], "pending");
-  EXPECT_THAT((*answer)["reason"].get<std::string>(), HasSubstr("may still be carried out"));
+  EXPECT_THAT((*answer)["reason"].get<std::string>(), HasSubstr("may still be executed"));
+}
+
+// Whatever is wrong with it: all arms stop, and the answer says why.
+TEST_F(RequestsTest, AStopIsNeverRefused) {
+  for (const auto& [text, words] : std::vector<std::pair<const char*, const char*>>{
+           {R"({"do":"stop","arms":["arm7"]})", "there is no arm 'arm7'"},
+           {R"({"do":"stop","arms":["arm0","arm7"]})", "there is no arm 'arm7'"},
+           {R"({"do":"stop","arms":[]})", "names of arms"},
+           {R"({"do":"stop","arms":0})", "list of names"},
+           {R"({"do":"stop","arm":"arm0"})", "unknown key 'arm'"},
+           {R"({"do":"stop","asked_ns":-7,"patience_s":"no"})", ""}}) {
+    const json answer = ask(text);
+    EXPECT_EQ(answer["ok"], true) << text;
+    EXPECT_EQ(answer["stopped"], json::array({"arm0", "arm1"})) << text;
+    EXPECT_THAT(answer.value("message", ""), HasSubstr(words)) << text;
+    EXPECT_EQ(answer.contains("message"), *words != '\0') << text;
+    EXPECT_EQ(fixture_.loop.modes().stopped(), ArmSet::all(2)) << text;
+    ASSERT_EQ(ask(R"({"do":"resume"})")["ok"], true);
+  }
+  EXPECT_EQ(ask(R"({"do":"stop","arms":"arm1"})")["stopped"], json::array({"arm1"}));
+  EXPECT_EQ(fixture_.loop.modes().stopped(), ArmSet::of(1));
+}
+
+// A request that its asker has given up acts no more: when it comes, and at the last moment before it acts.
+TEST_F(RequestsTest, RequestsAreAsOldAsTheirAskersPatience) {
+  const auto request = [](double age_s, double patience_s) {
+    return json{{"do", "switch"},
+                {"activate", {"pose0"}},
+                {"asked_ns", host_now().ns - static_cast<std::int64_t>(1e9 * age_s)},
+                {"patience_s", patience_s}};
+  };
+  for (const auto& [age, patience] : {std::pair(10.5, 10.0), {0.3, 0.2}}) {
+    const json answer = ask(request(age, patience));
+    EXPECT_EQ(answer["verdict"], "timeout") << age;
+    EXPECT_THAT(answer["reason"].get<std::string>(), HasSubstr("is not executed"));
+  }
+  EXPECT_EQ(owner(0), "arm0_hold");
+  // In time when it comes, but the loop is late.
+  RequestHandler::Pending pending;
+  ASSERT_FALSE(handler_.begin(request(0.05, 0.1), pending));
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  fixture_.steps(2);
+  EXPECT_EQ(handler_.poll(pending).value()["verdict"], "timeout");
+  EXPECT_EQ(owner(0), "arm0_hold");
+  // Without a time it is as old as its arrival.
+  EXPECT_THROW(handler_.begin(json{{"do", "switch"}, {"activate", {"pose0"}}}, pending,
+                              {host_now().ns - 1'100'000'000}),
+               RequestRefused);
+  expect_refused(R"({"do":"switch","activate":["pose0"],"asked_ns":9223372036854775807})", "malformed",
+                 "CLOCK_MONOTONIC");
+  expect_refused(R"({"do":"switch","activate":["pose0"],"asked_ns":-1})", "malformed", "CLOCK_MONOTONIC");
+  expect_refused(R"({"do":"switch","activate":["pose0"],"asked_ns":1.5})", "malformed", "whole number");
+  expect_refused(R"({"do":"switch","activate":["pose0"],"patience_s":0})", "malformed", "above 0");
+  EXPECT_EQ(ask(request(9, 10))["ok"], true);
+  EXPECT_EQ(owner(0), "pose0");
+}
+
+// A hand is in the gripper, or the arm runs: neither age nor a gap keeps what ends it from acting.
+TEST_F(RequestsTest, WhatEndsAMotionIsNeverTooLate) {
+  const HostTime now = host_now();
+  for (const char* text :
+       {R"({"do":"stop_motion","arm":"arm0"})", R"({"do":"user_stop","arm":"arm0","pressed":true})",
+        R"({"do":"gripper","arm":"arm0","action":"stop"})",
+        R"({"do":"vacuum","arm":"arm0","action":"stop"})"}) {
+    RequestHandler::Pending pending;
+    json request = json::parse(text);
+    EXPECT_FALSE(handler_.begin(request, pending, {}, now)) << text;
+    request.update({{"asked_ns", now.ns - 30'000'000'000}, {"patience_s", 1}});
+    EXPECT_FALSE(handler_.begin(request, pending)) << text;
+  }
+  for (const char* text :
+       {R"({"do":"user_stop","arm":"arm0","pressed":false})", R"({"do":"recover","arm":"arm0"})",
+        R"({"do":"gripper","arm":"arm0","action":"homing"})"}) {
+    RequestHandler::Pending pending;
+    EXPECT_THROW(handler_.begin(json::parse(text), pending, {}, now), RequestRefused) << text;
+  }
+}
+
+TEST_F(RequestsTest, WhatAGoneClientAskedDoesNotBegin) {
+  RequestHandler::Pending pending;
+  ASSERT_FALSE(handler_.begin(json::parse(R"({"do":"switch","activate":["pose0"]})"), pending));
+  handler_.abandon(pending);
+  fixture_.steps(3);
+  EXPECT_EQ(owner(0), "arm0_hold");
+  EXPECT_LT(*pending.begin_by, host_now().ns);  // for what waits for an arm
+}
+
+// The arms of a program that moves them by itself.
+TEST_F(RequestsTest, OthersMayLookAndStop) {
+  LiveInputContext run = fixture_.run();
+  run.stops_only = true;
+  RequestHandler handler(run);
+  RequestHandler::Pending pending;
+  for (const char* word : {"list", "state"})
+    EXPECT_EQ(handler.begin({{"do", word}}, pending).value()["ok"], true);
+  for (const json& request : {json{{"do", "resume"}}, json{{"do", "switch"}, {"activate", {"pose0"}}},
+                              json{{"do", "recover"}, {"arm", "arm0"}}})
+    EXPECT_THROW(handler.begin(request, pending), RequestRefused) << request;
+  EXPECT_THROW((void)handler.open_channel({{"do", "stream"}, {"controllet", "pose0"}, {"input", "pose"}}),
+               RequestRefused);
+  EXPECT_FALSE(handler.begin({{"do", "stop"}}, pending));
+  fixture_.steps(1);
+  EXPECT_EQ(handler.poll(pending).value()["ok"], true);
 }
 
 TEST_F(RequestsTest, AnAcceptedLoadIsAnsweredWithWhatTheFlangeCarriesAndMayCarry) {
@@ -216,6 +352,24 @@ TEST_F(RequestsTest, AnAcceptedLoadIsAnsweredWithWhatTheFlangeCarriesAndMayCarry
   EXPECT_EQ(other, (json{{"ok", true}}));
 }
 
+// Another load moves an arm that nothing holds in its place, and a stop is to leave the arm where it is.
+TEST(Loads, AreRefusedWhileTheArmIsStoppedOrGuided) {
+  test::TestLoop loop(2, {test::LiveFixture::config("guide", "gravity_compensation", {0})},
+                      Registry::with_builtins());
+  loop.steps(2);
+  const auto answer = [&](ArmIndex arm) {
+    return request_arm(loop.modes(), loop.world, arm, SetLoad{{.mass = 0.5}}).get().reason;
+  };
+  const std::string of_backend = loop.world.request(0, SetLoad{{.mass = 0.5}}).get().reason;
+  EXPECT_EQ(answer(0), of_backend);
+  ASSERT_TRUE(loop.activate({"guide"}).accepted());
+  EXPECT_THAT(answer(0), HasSubstr("guided by hand by 'guide'"));
+  EXPECT_EQ(answer(1), of_backend);
+  loop.modes().stop(ArmSet::all(2));
+  loop.step();
+  for (const ArmIndex arm : {0, 1}) EXPECT_THAT(answer(arm), HasSubstr("is stopped"));
+}
+
 TEST_F(RequestsTest, RefusalsSuggestTheNearestName) {
   expect_refused(R"({"do":"switch","activate":["pose00"]})", "unknown_instance", "did you mean 'pose0'");
   expect_refused(R"({"do":"switch","activate":["pose0","both"]})", "two_owners", "arm 'arm0'");
@@ -227,7 +381,6 @@ TEST_F(RequestsTest, RefusalsSuggestTheNearestName) {
                  "is in activate and in deactivate");
   expect_refused(R"([1,2])", "malformed", "expected an object");
   expect_refused(R"({"id":1})", "malformed", "'do' is missing");
-  expect_refused(R"({"do":"stop","arms":["arm7"]})", "unknown_arm", "there is no arm 'arm7'");
   expect_refused(R"({"do":"parameter","controllet":"pose0","name":"stifness","value":1})",
                  "unknown_parameter", "no parameter 'stifness'");
   expect_refused(R"({"do":"feature","controllet":"pose0","name":"joint_limit","on":true})", "unknown_feature",
@@ -312,16 +465,67 @@ TEST_F(RequestsTest, AReferenceInABaseIsMovedIntoTheWorld) {
   EXPECT_NEAR(2 * (x * z - w * y), R[2][0], 1e-9);
 }
 
-TEST_F(RequestsTest, JointsBeyondTheirLimitsAreRefused) {
+// A goal, a sample in JSON, a sample of a binary stream: one sentence. Also of ROS, native worlds and a
+// scene's timeline, whose tests use the same table; the page's requests are these.
+TEST_F(RequestsTest, WrongGoalsGetTheSentenceOfAllWaysIn) {
+  for (const auto& goal : test::wrong_goals(*fixture_.loop.models[0])) {
+    const bool pose = goal.quantity == Quantity::pose;
+    const char *name = pose ? "pose0" : "joint0", *input = pose ? "pose" : "joints";
+    ASSERT_EQ(ask({{"do", "switch"}, {"activate", {name}}})["ok"], true);
+    json request = {{"do", "reference"}, {"controllet", name}, {"input", input}, {"values", goal.values}};
+    if (goal.duration_s != 0) request["duration_s"] = goal.duration_s;
+    EXPECT_THAT(ask(request).value("reason", ""), HasSubstr(goal.sentence));
+    if (pose && goal.values.size() == 7) {
+      json named = {{"do", "reference"}, {"controllet", name}, {"input", input}};
+      named["position_m"] = std::vector(goal.values.begin(), goal.values.begin() + 3);
+      named["quaternion_wxyz"] = std::vector(goal.values.begin() + 3, goal.values.end());
+      if (goal.duration_s != 0) named["duration_s"] = goal.duration_s;
+      EXPECT_EQ(ask(named), ask(request));
+    } else if (!pose) {
+      EXPECT_EQ(ask({{"do", "reference"}, {"controllet", name}, {"input", input}, {"q_rad", goal.values}}),
+                ask(request));
+    }
+    if (goal.duration_s != 0) continue;
+    request["stream"] = true;
+    EXPECT_THAT(ask(request).value("reason", ""), HasSubstr(goal.sentence));
+    StreamChannel channel = handler_.open_channel({{"do", "stream"}, {"controllet", name}, {"input", input}});
+    StreamPacket packet{.channel = 1, .sequence = 1, .client_time_ns = 0, .count = 0, .values = {}};
+    packet.count = static_cast<std::uint16_t>(goal.values.size());
+    std::ranges::copy(goal.values, packet.values.begin());
+    handler_.deliver(packet, channel);
+    EXPECT_THAT(handler_.describe(channel).value("reason", ""), HasSubstr(goal.sentence));
+    ChunkPacket chunk{.head = packet, .chunk = {.size = static_cast<std::uint8_t>(packet.count), .count = 1}};
+    chunk.head.sequence = 2;
+    chunk.chunk.values[0] = packet.values;
+    channel.reason.clear();
+    handler_.deliver(chunk, channel);
+    EXPECT_THAT(channel.reason, HasSubstr(goal.sentence));
+  }
+}
+
+// Numbers of packets go on at 0 after the largest one; a first number near the end is no reason to ignore all
+// that follow.
+TEST_F(RequestsTest, SequenceNumbersWrap) {
+  ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
+  StreamChannel channel =
+      handler_.open_channel(json::parse(R"({"do":"stream","controllet":"joint0","input":"joints"})"));
+  const auto start = set_point("joint0");
+  StreamPacket packet{.channel = 1, .sequence = 0, .client_time_ns = 0, .count = 7, .values = {}};
+  std::copy(start.begin(), start.end(), packet.values.begin());
+  constexpr std::uint64_t kLast = ~std::uint64_t{0};
+  for (const std::uint64_t number : {kLast - 1, kLast, std::uint64_t{0}, std::uint64_t{3}, kLast}) {
+    packet.sequence = number;
+    handler_.deliver(packet, channel);
+  }
+  EXPECT_EQ(channel.received, 4u);
+  EXPECT_EQ(channel.lost, 2u);  // 1 and 2
+  EXPECT_EQ(channel.late, 1u);
+}
+
+TEST_F(RequestsTest, JointsHaveNoFrame) {
   ASSERT_EQ(ask(R"({"do":"switch","activate":["joint0"]})")["ok"], true);
   json request = {{"do", "reference"}, {"controllet", "joint0"}, {"input", "joints"}};
   const auto start = set_point("joint0");
-  auto q = start;
-  q[2] = fixture_.loop.models[0]->limits().q_max[2] + 0.01;
-  request["q_rad"] = q;
-  const json refused = ask(request);
-  EXPECT_EQ(refused["verdict"], "out_of_bounds");
-  EXPECT_THAT(refused["reason"].get<std::string>(), HasSubstr("joint 3"));
   request["q_rad"] = start;
   EXPECT_EQ(ask(request)["ok"], true);
   request["frame"] = "world";
@@ -337,6 +541,38 @@ TEST_F(RequestsTest, StopHoldsUntilResumed) {
   expect_refused(R"({"do":"switch","activate":["pose0"]})", "arm_stopped", "stopped: arm0");
   EXPECT_EQ(ask(R"({"do":"resume"})")["ok"], true);
   EXPECT_EQ(ask(R"({"do":"switch","activate":["pose0"]})")["ok"], true);
+}
+
+// Clamps of the hold that follows are not why the arm was taken from its law.
+TEST(LatestState, KeepsWhyAnArmWasRemovedApartFromLaterClamps) {
+  LatestState latest(2);
+  const auto arm = [&](std::size_t i) {
+    LatestState::Snapshot snapshot;
+    latest.copy(snapshot);
+    return snapshot.arms[i];
+  };
+  const auto switched = [&](InstanceSet started, InstanceSet stopped, Intervention rule, std::uint16_t of) {
+    Event event{.kind = EventKind::switched, .intervention = rule, .arm = of};
+    event.started = started;
+    event.stopped = stopped;
+    latest.take(event);
+  };
+  constexpr InstanceSet kHolds = 0b11, kLaw = 0b100;  // of both arms
+  switched(kLaw, kHolds, Intervention::none, 0xFFFF);
+  latest.take(
+      Event{.kind = EventKind::intervention, .intervention = Intervention::joint_velocity_limit, .arm = 1});
+  switched(kHolds, kLaw, Intervention::joint_velocity_limit, 1);
+  for (std::uint16_t i = 0; i < 2; ++i)
+    latest.take(
+        Event{.kind = EventKind::intervention, .intervention = Intervention::torque_rate_clamped, .arm = i});
+  for (std::size_t i = 0; i < 2; ++i) {
+    EXPECT_EQ(arm(i).removed_by, Intervention::joint_velocity_limit);
+    EXPECT_EQ(arm(i).last_intervention, "torque_rate_clamped");
+  }
+  switched(kLaw, kHolds, Intervention::none, 0xFFFF);
+  EXPECT_EQ(arm(0).removed_by, Intervention::none);
+  switched(kHolds, kLaw, Intervention::none, 0xFFFF);  // as somebody asked
+  EXPECT_EQ(arm(0).removed_by, Intervention::none);
 }
 
 TEST_F(RequestsTest, TheStateIsTheWorlds) {
@@ -595,7 +831,6 @@ TEST_F(RequestsTest, StateNamesErrorsAndTheReasonOfAStop) {
 }
 
 TEST_F(RequestsTest, MessagesOfListsNameWhatWasFound) {
-  expect_refused(R"({"do":"set_load","arm":"arm0","mass_kg":50.1})", "malformed", "0 to 50 kg");
   // Both would let an arm press harder on a person.
   expect_refused(R"({"do":"set_collision_thresholds","arm":"arm0"})", "malformed", "unknown request");
   expect_refused(R"({"do":"set_load","arm":"arm0","mass_kg":0.5,"com_m":[0,1]})", "malformed",

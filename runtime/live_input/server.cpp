@@ -1,11 +1,18 @@
 #include "runtime/live_input/server.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
+#include <limits>
 #include <poll.h>
+#include <string_view>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
+#include <tuple>
 #include <unistd.h>
+#include <utility>
+
+#include "common/text.hpp"
 
 namespace multipanda {
 namespace {
@@ -13,10 +20,22 @@ namespace {
 using nlohmann::json;
 
 constexpr auto kPollPeriod = std::chrono::microseconds(500);  // while an answer of the loop is pending
+constexpr auto kTurn = std::chrono::milliseconds(2);          // for requests, and for packets; a stop waits
 constexpr double kSlowest = 0.1, kFastest = 1000;             // of a subscription [Hz]
 
 json refusal(const std::string& code, const std::string& reason) {
   return {{"ok", false}, {"verdict", code}, {"reason", reason}};
+}
+
+// In lower-case text.
+bool has_word(std::string_view text, std::string_view word) {
+  const auto is_part = [&](std::size_t i) {
+    return i < text.size() && ((text[i] >= 'a' && text[i] <= 'z') || text[i] == '_');
+  };
+  for (std::size_t at = text.find(word); at != text.npos; at = text.find(word, at + 1)) {
+    if (!is_part(at - 1) && !is_part(at + word.size())) return true;
+  }
+  return false;
 }
 
 }  // namespace
@@ -30,6 +49,7 @@ LiveServer::LiveServer(const std::filesystem::path& path, LiveInputContext run, 
     lines_ = listen_at(claim_.path(), SOCK_STREAM);
     wake_ = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (wake_ < 0) throw std::runtime_error("cannot open an eventfd");
+    (void)gaps_.look();
     thread_ = std::thread([this] { this->run(); });
   } catch (...) {
     for (const int file : {lines_, packets_, wake_}) {
@@ -52,13 +72,18 @@ void LiveServer::run() {
   while (!ending_.load(std::memory_order_acquire)) {
     wait();
     const auto now = Clock::now();
+    std::string state;  // made once a turn, for all that are due
     for (Client& client : clients_) {
       poll_requests(client);
-      send_state(client, now);
+      send_state(client, now, state);
       client.line.flush();
-      const bool done = client.line.input_ended() && client.requests.empty() && client.period.count() == 0 &&
-                        !client.line.has_line() && client.line.unsent() == 0;
+      if (client.leaves.ns != 0 && host_now() > client.leaves) send_away(client);
+      const bool done = client.line.input_ended() && client.requests.empty() && client.waiting.empty() &&
+                        client.period.count() == 0 && client.line.unsent() == 0;
       client.gone = client.gone || client.line.broken() || done;
+      if (!client.gone) continue;
+      hang_up(client);
+      client.line.flush();
     }
     for (auto& [number, channel] : channels_) {
       const bool closed = channel.sender != nullptr && channel.sender->gone;
@@ -71,20 +96,23 @@ void LiveServer::run() {
                           std::memory_order_relaxed);
     std::erase_if(publishers_, [](const Publisher& publisher) { return publisher.gone; });
   }
+  for (Client& client : clients_) {
+    poll_requests(client);
+    client.line.flush();
+  }
 }
 
 // Waits until something arrives or is due, and handles it.
 void LiveServer::wait() {
   std::vector<pollfd> files{{wake_, POLLIN, 0}, {lines_, POLLIN, 0}};
   constexpr std::size_t kFixed = 2;
-  std::chrono::nanoseconds timeout = std::chrono::seconds(1);
+  std::chrono::nanoseconds timeout = GapWatch::kSlice;
   const auto now = Clock::now();
   for (const Client& client : clients_) {
-    int events = 0;
-    if (!client.line.input_ended() && may_take(client)) events |= POLLIN;
+    int events = client.line.input_ended() ? 0 : POLLIN;
     if (client.line.unsent() > 0) events |= POLLOUT;
     files.push_back({client.line.file(), static_cast<short>(events), 0});
-    if (client.line.has_line() && may_take(client)) timeout = std::chrono::nanoseconds(0);
+    if (!client.waiting.empty() && may_take(client) && client.stays()) timeout = std::chrono::nanoseconds(0);
     if (!client.requests.empty()) timeout = std::min<std::chrono::nanoseconds>(timeout, kPollPeriod);
     if (client.period.count() > 0) {
       timeout =
@@ -94,42 +122,78 @@ void LiveServer::wait() {
   for (const Publisher& publisher : publishers_) files.push_back({publisher.file, POLLIN, 0});
   files.push_back({packets_, POLLIN, 0});
   const timespec spec{.tv_sec = timeout.count() / 1'000'000'000, .tv_nsec = timeout.count() % 1'000'000'000};
-  const std::size_t client_count = clients_.size();
+  const std::size_t client_count = clients_.size(), known = publishers_.size();
   if (ppoll(files.data(), files.size(), &spec, nullptr) < 0) return;  // a signal
-  // Packets are handled before requests and polled last, so their order with requests is kept.
-  const std::size_t known = publishers_.size();
-  if (files.back().revents != 0) accept_publishers();
-  std::size_t k = kFixed + client_count;
-  for (Publisher& publisher : publishers_) {
-    if (k >= kFixed + client_count + known || files[k].revents != 0) take_packets(publisher);
-    ++k;
-  }
-  k = kFixed;
+  (void)gaps_.look();
+  // Stops first.
+  std::size_t k = kFixed;
   for (Client& client : clients_) {
     const short events = files[k++].revents;
-    // Both directions are closed: earlier requests still count, answers are dropped.
+    // Both directions are closed: nobody waits for an answer.
     const bool closed = (events & (POLLHUP | POLLERR)) != 0;
-    if ((events & POLLIN) != 0 || closed || may_take(client)) serve(client, closed);
+    if ((events & POLLIN) != 0 || closed) read(client);
     client.gone = client.gone || closed;
   }
   if (files[1].revents != 0) accept_clients();
+  // Packets are handled before other requests, so their order with requests is kept.
+  if (files.back().revents != 0) accept_publishers();
+  k = kFixed + client_count;
+  const auto until = Clock::now() + kTurn;
+  for (Publisher& publisher : publishers_) {
+    const bool is_new = k >= kFixed + client_count + known;
+    if ((is_new || files[k].revents != 0) && Clock::now() < until) take_packets(publisher);
+    ++k;
+  }
+  if (!publishers_.empty()) publishers_.splice(publishers_.end(), publishers_, publishers_.begin());
+  take_lines();
 }
 
 bool LiveServer::may_take(const Client& client) const {
   return client.requests.size() < kMaxPending && client.line.unsent() < kMaxAhead;
 }
 
+// A full server makes room, so that whoever leaks connections keeps nobody from stopping.
 void LiveServer::accept_clients() {
-  for (;;) {
+  constexpr int kPerTurn = 32;
+  for (int n = 0; n < kPerTurn; ++n) {
     const int file = accept4(lines_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
+    if (file < 0 && (errno == EMFILE || errno == ENFILE)) make_room(0);
     if (file < 0) return;
-    clients_.emplace_back(file);
-    if (clients_.size() <= kMaxClients) continue;
-    Client& client = clients_.back();
-    answer(client, refusal("too_many_clients", "64 clients are connected: close one first"), nullptr);
-    client.line.flush();
-    clients_.pop_back();
+    if (std::cmp_greater_equal(std::ranges::count_if(clients_, &Client::stays), kMaxClients)) make_room();
+    read(clients_.emplace_back(file));  // its first request is usually here already
   }
+}
+
+// Ends the client that was silent for longest, one that only holds a connection if there is one. It may be
+// one that has just connected and comes too late to say what it came for: for a while, a stop still counts.
+void LiveServer::make_room(std::ptrdiff_t most_leaving) {
+  constexpr std::chrono::seconds kFarewell{1};
+  const auto leaving = [](const Client& client) { return !client.gone && client.leaves.ns != 0; };
+  if (std::ranges::count_if(clients_, leaving) >= most_leaving) {
+    const auto first = std::ranges::min_element(
+        clients_, {}, [&](const Client& client) { return std::pair(!leaving(client), client.leaves); });
+    if (first != clients_.end() && leaving(*first)) send_away(*first);
+  }
+  const auto rank = [this](const Client& client) {
+    const bool busy =
+        client.period.count() > 0 || client.has_records || !client.requests.empty() ||
+        !client.waiting.empty() ||
+        std::ranges::any_of(channels_, [&](const auto& entry) { return entry.second.owner == &client; });
+    return std::tuple(!client.stays(), busy, client.heard);
+  };
+  const auto least = std::ranges::min_element(clients_, {}, rank);
+  if (least == clients_.end() || !least->stays()) return;
+  least->leaves = host_now() + kFarewell;
+  if (most_leaving == 0) send_away(*least);
+}
+
+void LiveServer::send_away(Client& client) {
+  client.gone = true;
+  answer(client,
+         refusal("too_many_clients",
+                 "64 clients are connected, and this one, which asked nothing for longest, made room for "
+                 "another: close connections that are not used, then connect again"),
+         nullptr);
 }
 
 void LiveServer::accept_publishers() {
@@ -142,31 +206,115 @@ void LiveServer::accept_publishers() {
   }
 }
 
-// `all`: the client has closed; handle everything that it has sent.
-void LiveServer::serve(Client& client, bool all) {
-  constexpr int kMostTurns = 64;  // a socket buffer holds fewer longest lines
-  for (int turn = 0; turn < (all ? kMostTurns : 1); ++turn) {
-    if (!client.line.input_ended()) client.line.receive();
-    while (all || may_take(client)) {
-      const auto line = client.line.next();
-      if (!line) break;
-      take_line(client, *line);
+// Takes what has come: stops at once, other requests in their turn. Returns whether something came.
+bool LiveServer::read(Client& client) {
+  const bool came = client.line.receive();
+  const HostTime now = host_now();
+  // What does not say when it was asked may have waited in the socket since before a gap.
+  const HostTime arrived = gaps_.settles() ? HostTime{} : now;
+  while (auto line = client.line.next()) {
+    client.heard = now;
+    if (take_stop(client, line->text)) continue;
+    if (client.waiting_bytes > kMaxWaiting) {
+      ++client.dropped;
+      continue;
     }
-    if (client.line.input_ended()) break;
+    client.waiting.push_back({std::move(*line), arrived});
+    client.waiting_bytes += client.waiting.back().bytes();
+  }
+  return came;
+}
+
+// Its last words count if they are a stop. Nothing else that it asked for is begun.
+void LiveServer::hang_up(Client& client) {
+  constexpr int kMostTurns = 64;  // a socket buffer holds less
+  for (int turn = 0; turn < kMostTurns && read(client); ++turn) {
+  }
+  client.waiting.clear();
+  for (Started& started : client.requests) handler_.abandon(started.pending);
+}
+
+// A stop is executed whatever is wrong with it, and even if the client has more requests than it may have.
+// So is a line with its word that is not valid JSON (a NaN, a wrong byte, a lost end, other quotes) or is
+// not an object.
+bool LiveServer::take_stop(Client& client, const std::string& text) {
+  const auto lower = [](std::string_view of) {
+    std::string word(trimmed(of));
+    std::ranges::transform(word, word.begin(), [](unsigned char c) { return std::tolower(c); });
+    return word;
+  };
+  const std::string line = lower(text);
+  if (line.find("stop") == std::string::npos) return false;
+  json request = line == "stop" ? json{{"do", "stop"}} : json::parse(text, nullptr, false);
+  if (!request.is_object() && has_word(line, "stop"))
+    request = {{"do", "stop"}, {"this line, which is not a JSON object", true}};
+  if (request.is_object() && request.value("do", json()).is_string() &&
+      lower(request["do"].get<std::string>()) == "stop")
+    request["do"] = "stop";
+  if (!is_stop(request)) return false;
+  Started started{.id = request.value("id", json()), .pending = {}};
+  if (started.id.is_structured()) started.id = nullptr;
+  (void)handler_.begin(request, started.pending);
+  constexpr std::size_t kMostAnswers = 2 * kMaxPending;
+  if (client.requests.size() < kMostAnswers && client.line.unsent() < 2 * kMaxAhead)
+    client.requests.push_back(std::move(started));
+  return true;
+}
+
+// In turn, as many as there is time for.
+void LiveServer::take_lines() {
+  const auto until = Clock::now() + kTurn;
+  (void)gaps_.look(host_now(), 0);  // the program may have stood still since the clients were read
+  if (!clients_.empty()) clients_.splice(clients_.end(), clients_, clients_.begin());
+  for (bool more = true; more;) {
+    more = false;
+    for (Client& client : clients_) {
+      if (client.waiting.empty() || !may_take(client) || !client.stays()) continue;
+      if (Clock::now() >= until) return;
+      // It may have closed since it was read, or before it was accepted: nothing of it begins.
+      if ((client.gone = client.line.hung_up())) continue;
+      const Waiting next = std::move(client.waiting.front());
+      client.waiting.pop_front();
+      client.waiting_bytes -= next.bytes();
+      take_line(client, next);
+      more = true;
+    }
   }
 }
 
+// `now_ns` tells clients of other computers the clock by which requests are too old.
 void LiveServer::answer(Client& client, json answer, const json& id) {
   answer["id"] = id;
+  answer["now_ns"] = host_now().ns;
   client.line.send(to_line(answer));
 }
 
-void LiveServer::take_line(Client& client, const LineConnection::Line& line) {
-  json id;
-  if (line.too_long) {
-    answer(client, refusal("malformed", "a line has at most 65536 bytes"), id);
-    return;
+// The same refusal of samples, which come often, is reported once a second.
+void LiveServer::refuse(Client& client, json why, const json& id) {
+  if (id.is_null()) {
+    const auto now = Clock::now();
+    if (why == client.refused && now - client.refused_at < std::chrono::seconds(1)) {
+      ++client.refused_again;
+      return;
+    }
+    client.refused = why;
+    client.refused_at = now;
+    if (const auto again = std::exchange(client.refused_again, 0)) why["repeated"] = again;
   }
+  answer(client, std::move(why), id);
+}
+
+void LiveServer::take_line(Client& client, const Waiting& waiting) {
+  json id;
+  const auto& [line, arrived] = waiting;
+  if (const auto dropped = std::exchange(client.dropped, 0)) {
+    answer(client,
+           refusal("queue_full", std::to_string(dropped) +
+                                     " requests were not executed: more waited than this client may have "
+                                     "unanswered; read the answers"),
+           nullptr);
+  }
+  if (line.too_long) return refuse(client, refusal("malformed", "a line has at most 65536 bytes"), id);
   if (line.text.find_first_not_of(" \t") == std::string::npos) return;
   try {
     const json request = json::parse(line.text);
@@ -178,19 +326,20 @@ void LiveServer::take_line(Client& client, const LineConnection::Line& line) {
     }
     if (take_connection_request(client, request, id)) return;
     Started started{.id = id, .pending = {}};
-    if (auto at_once = handler_.begin(request, started.pending)) {
+    if (auto at_once = handler_.begin(request, started.pending, arrived, gaps_.end())) {
       // Samples of a stream without an id are answered only if refused.
       if (at_once->contains("streamed") && id.is_null()) return;
-      answer(client, std::move(*at_once), id);
+      if (at_once->value("ok", false)) return answer(client, std::move(*at_once), id);
+      refuse(client, std::move(*at_once), id);
     } else {
       client.requests.push_back(std::move(started));
     }
   } catch (const RequestRefused& refused) {
-    answer(client, refusal(refused.code, refused.what()), id);
+    refuse(client, refusal(refused.code, refused.what()), id);
   } catch (const json::exception& wrong) {
-    answer(client, refusal("malformed", std::string("not JSON: ") + wrong.what()), id);
+    refuse(client, refusal("malformed", std::string("not JSON: ") + wrong.what()), id);
   } catch (const std::exception& wrong) {
-    answer(client, refusal("failed", wrong.what()), id);
+    refuse(client, refusal("failed", wrong.what()), id);
   }
 }
 
@@ -200,7 +349,7 @@ bool LiveServer::take_connection_request(Client& client, const json& request, co
   const std::string word = fields.text("do");
   const JsonFields named(request, word);
   if (word == "subscribe") {
-    named.allow({"id", "do", "rate_hz"});
+    named.allow(with_common({"rate_hz"}));
     const double rate = named.number("rate_hz", 10);
     if (!(rate >= kSlowest && rate <= kFastest)) named.expected("rate_hz", "0.1 to 1000");
     client.period = std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 / rate));
@@ -208,11 +357,11 @@ bool LiveServer::take_connection_request(Client& client, const json& request, co
     client.subscription = id;
     answer(client, {{"ok", true}, {"rate_hz", rate}}, id);
   } else if (word == "unsubscribe") {
-    named.allow({"id", "do"});
+    named.allow(with_common({}));
     client.period = {};
     answer(client, {{"ok", true}}, id);
   } else if (word == "records") {
-    named.allow({"id", "do"});
+    named.allow(with_common({}));
     pass_records(client, named, id);
   } else if (word == "stream") {
     Channel channel{.owner = &client, .stream = handler_.open_channel(request)};
@@ -226,7 +375,7 @@ bool LiveServer::take_connection_request(Client& client, const json& request, co
             {"longest_chunk", Chunk::kMostSamples}},
            id);
   } else if (word == "stream_end") {
-    named.allow({"id", "do", "channel"});
+    named.allow(with_common({"channel"}));
     const double number = named.number("channel");
     const auto found = std::find_if(channels_.begin(), channels_.end(), [&](const auto& entry) {
       return entry.second.owner == &client && std::abs(entry.first - number) < 0.5;
@@ -236,7 +385,7 @@ bool LiveServer::take_connection_request(Client& client, const json& request, co
     handler_.discard(found->second.stream);
     channels_.erase(found);
   } else if (word == "channels") {
-    named.allow({"id", "do"});
+    named.allow(with_common({}));
     json list = json::array();
     for (const auto& [number, channel] : channels_) {
       json entry = handler_.describe(channel.stream);
@@ -272,7 +421,7 @@ void LiveServer::poll_requests(Client& client) {
   }
 }
 
-void LiveServer::send_state(Client& client, Clock::time_point now) {
+void LiveServer::send_state(Client& client, Clock::time_point now, std::string& state) {
   if (client.period.count() == 0 || now < client.next_state) return;
   client.next_state = std::max(client.next_state + client.period, now);
   if (client.line.unsent() > kMaxUnread) {  // it reads too slowly
@@ -280,7 +429,9 @@ void LiveServer::send_state(Client& client, Clock::time_point now) {
     dropped_.fetch_add(1, std::memory_order_relaxed);
     return;
   }
-  client.line.send(to_line({{"subscription", client.subscription}, {"state", handler_.state()}}));
+  if (state.empty()) state = to_line(handler_.state());
+  client.line.send("{\"state\":" + state + ",\"now_ns\":" + std::to_string(host_now().ns) +
+                   ",\"subscription\":" + to_line(client.subscription) + "}");
 }
 
 void LiveServer::take_packets(Publisher& publisher) {
@@ -289,6 +440,7 @@ void LiveServer::take_packets(Publisher& publisher) {
   for (int n = 0; n < kPerTurn; ++n) {
     double age_s = 0;
     const std::ptrdiff_t size = receive_packet(publisher.file, bytes, realtime_(), age_s);
+    if (gaps_.settles()) age_s = std::numeric_limits<double>::infinity();  // that clock may have been set
     if (size < 0 && errno == EINTR) continue;
     if (size < 0 && (errno == EAGAIN || errno == EWOULDBLOCK)) return;
     if (size <= 0) {

@@ -1,8 +1,13 @@
 #include "runtime/live_input/server.hpp"
 
 #include <atomic>
+#include <list>
+#include <map>
+#include <optional>
 #include <random>
 #include <sys/socket.h>
+#include <sys/un.h>
+#include <thread>
 #include <unistd.h>
 
 #include <gmock/gmock.h>
@@ -17,9 +22,41 @@ namespace {
 using nlohmann::json;
 using testing::HasSubstr;
 
+// A client that sends and reads nothing by itself.
+class Raw {
+ public:
+  explicit Raw(const std::filesystem::path& path) : line_(connect_to(path, SOCK_STREAM), 1 << 24) {}
+  void send(const std::string& text) {
+    std::size_t sent = 0;
+    while (sent < text.size()) {
+      const ssize_t n = ::send(line_.file(), text.data() + sent, text.size() - sent, MSG_NOSIGNAL);
+      ASSERT_GT(n, 0);
+      sent += static_cast<std::size_t>(n);
+    }
+  }
+  void send_no_more() { ASSERT_EQ(shutdown(line_.file(), SHUT_WR), 0); }
+  json next() {
+    for (;;) {
+      if (auto line = line_.next()) return json::parse(line->text);
+      if (line_.input_ended()) return {};
+      (void)line_.receive();
+      std::this_thread::yield();
+    }
+  }
+
+ private:
+  LineConnection line_;
+};
+
 class ServerTest : public testing::Test {
  protected:
   ServerTest() : server_(folder_ / "fixture.sock", fixture_.run()) {}
+  // What was sent before is with the loop, or refused.
+  void settle() {
+    LiveClient other(server_.path());
+    EXPECT_EQ(other.ask({{"do", "list"}})["ok"], true);
+    EXPECT_EQ(other.ask({{"do", "list"}})["ok"], true);
+  }
 
   test::PrivateFolder folder_;
   test::LiveFixture fixture_;
@@ -105,16 +142,383 @@ TEST_F(ServerTest, ManyRequestsInOnePieceAreAllAnswered) {
   for (int k = 0; k < 300; ++k) EXPECT_EQ(client.next(30)["id"], k);
 }
 
-TEST_F(ServerTest, RequestsOfAClosedClientAreStillExecuted) {
-  const int file = connect_to(server_.path(), SOCK_STREAM);
-  ASSERT_GE(file, 0);
-  const std::string text = R"({"do":"stop"})";  // not even the end of the line
-  ASSERT_EQ(send(file, text.data(), text.size(), 0), static_cast<ssize_t>(text.size()));
-  close(file);
-  LiveClient other(server_.path());
-  EXPECT_EQ(other.ask({{"do", "list"}})["ok"], true);  // served after it
+TEST_F(ServerTest, OfAClosedClientAStopIsExecutedAndNothingElse) {
+  {
+    Raw gone(server_.path());
+    gone.send(R"({"do":"switch","activate":["pose0"]})"
+              "\n"
+              R"({"do":"stop","arms":["arm1"]})");
+  }
+  settle();
+  fixture_.steps(2);
+  EXPECT_EQ(fixture_.loop.modes().stopped(), ArmSet::of(1));
+  // Nor what the loop had not taken yet.
+  {
+    Raw gone(server_.path());
+    gone.send(R"({"do":"switch","activate":["pose0"]})"
+              "\n");
+    settle();
+  }
+  settle();
+  fixture_.steps(2);
+  EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("arm0_hold"));
+}
+
+// A script leaks connections; the last ones even have requests, subscriptions, channels.
+TEST_F(ServerTest, AFullServerTakesAStop) {
+  std::list<Raw> leaked;
+  for (std::size_t k = 0; k < 3 * LiveServer::kMaxClients; ++k) {
+    leaked.emplace_back(server_.path());
+    if (k >= LiveServer::kMaxClients)
+      leaked.back().send(k % 2 == 0 ? R"({"do":"subscribe"})"
+                                      "\n"
+                                    : R"({"do":"stream","controllet":"pose0","input":"pose"})"
+                                      "\n");
+    if (k % 8 == 0) settle();  // clients of its own, which are let in as well
+    Raw fresh(server_.path());
+    fresh.send(R"({"do":"stop","id":1})"
+               "\n");
+    settle();
+    fixture_.steps(1);
+    ASSERT_EQ(fixture_.loop.modes().stopped(), ArmSet::all(2)) << k;
+    EXPECT_EQ(fresh.next()["ok"], true);
+    fresh.send(R"({"do":"resume","id":2})"
+               "\n");
+    settle();
+    fixture_.steps(1);
+    ASSERT_EQ(fresh.next()["ok"], true) << k;
+  }
+  EXPECT_EQ(leaked.front().next()["verdict"], "too_many_clients");  // and why is the last that it hears
+}
+
+// Between its connection and its stop, which a busy computer may delay, others have filled the server.
+TEST_F(ServerTest, AStopCountsFromAClientThatMadeRoom) {
+  Raw slow(server_.path());
+  settle();
+  std::list<Raw> leaked;
+  for (std::size_t k = 0; k < 2 * LiveServer::kMaxClients; ++k) leaked.emplace_back(server_.path());
+  settle();
+  slow.send(R"({"do":"stop","id":1})"
+            "\n");
+  settle();
   fixture_.steps(1);
   EXPECT_EQ(fixture_.loop.modes().stopped(), ArmSet::all(2));
+  EXPECT_EQ(slow.next()["ok"], true);
+  EXPECT_EQ(slow.next()["verdict"], "too_many_clients");
+}
+
+// The clients that hold a connection only go first, the one that was silent for longest before the others.
+TEST_F(ServerTest, AFullServerKeepsItsBusyClients) {
+  LiveClient busy(server_.path());
+  ASSERT_EQ(busy.ask({{"do", "subscribe"}, {"rate_hz", 0.1}})["ok"], true);
+  std::list<Raw> idle;
+  for (std::size_t k = 0; k < LiveServer::kMaxClients + 20; ++k) idle.emplace_back(server_.path());
+  EXPECT_EQ(busy.ask({{"do", "list"}})["ok"], true);
+}
+
+// It publishes without reading: its refusals fill every buffer, and its own stop gets through.
+TEST_F(ServerTest, AClientThatDoesNotReadStops) {
+  fixture_.steps(1);
+  Raw lazy(server_.path());
+  const std::string sample =
+      R"({"do":"reference","controllet":"pose0","input":"pose","position_m":[0.4,0,0.5],"quaternion_wxyz":[0,1,0,0],"stream":true)";
+  constexpr int kSamples = 3000;
+  for (int k = 0; k < kSamples; ++k) lazy.send(sample + "}\n");
+  for (int k = 0; k < kSamples; ++k) lazy.send(sample + ",\"id\":" + std::to_string(k) + "}\n");
+  lazy.send(R"({"do":"switch","activate":["pose0"],"id":"switch"})"
+            "\n"
+            R"({"do":"stop","id":"stop"})"
+            "\n");
+  settle();
+  fixture_.steps(1);
+  EXPECT_EQ(fixture_.loop.modes().stopped(), ArmSet::all(2));
+  // Answered when it reads; the refusals of samples without an id are one line.
+  std::map<std::string, int> answers;
+  for (json answer; !answers.contains("\"stop\"");) {
+    answer = lazy.next();
+    ++answers[answer["id"].dump()];
+  }
+  EXPECT_LT(answers["null"], kSamples / 10);  // also how many were dropped, for each time that it had to
+}
+
+// What waits for its client to read is as old as any other request.
+TEST_F(ServerTest, WhatWaitedForItsClientToReadIsNotExecuted) {
+  const test::Stepping stepping(fixture_);
+  Raw lazy(server_.path());
+  for (int k = 0; k < 300; ++k)
+    lazy.send(R"({"do":"list"})"
+              "\n");
+  lazy.send(R"({"do":"switch","activate":["pose0"],"id":"switch"})"
+            "\n");
+  std::this_thread::sleep_for(std::chrono::milliseconds(1500));
+  json answer = lazy.next();
+  while (answer["id"] != "switch") answer = lazy.next();
+  EXPECT_EQ(answer["verdict"], "timeout");
+  EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("arm0_hold"));
+}
+
+// Clients flood the server with requests that take long; a stop overtakes them, those of its own client, too.
+TEST_F(ServerTest, AStopOvertakesAFlood) {
+  std::list<Raw> flood;
+  std::string requests;
+  for (int k = 0; k < 400; ++k)
+    requests += R"({"do":"list"})"
+                "\n";
+  for (int k = 0; k < 20; ++k) flood.emplace_back(server_.path()).send(requests);
+  flood.back().send(R"({"do":"stop"})"
+                    "\n");
+  while (fixture_.loop.modes().stopped().empty()) fixture_.steps(1);
+  for (Raw& client : flood) EXPECT_EQ(client.next()["ok"], true);
+}
+
+// Asked for in one piece, the stop is the last word.
+TEST_F(ServerTest, AResumeBeforeAStopDoesNotEndIt) {
+  Raw client(server_.path());
+  client.send(R"({"do":"stop","id":1})"
+              "\n");
+  settle();
+  fixture_.steps(1);
+  ASSERT_EQ(client.next()["ok"], true);
+  client.send(R"({"do":"resume","id":2})"
+              "\n"
+              R"({"do":"stop","id":3})"
+              "\n");
+  settle();
+  fixture_.steps(2);
+  settle();
+  fixture_.steps(2);
+  EXPECT_EQ(fixture_.loop.modes().stopped(), ArmSet::all(2));
+}
+
+// The server's thread stands still, as it does with its program. What was asked meanwhile is not executed.
+TEST_F(ServerTest, AfterAGapOnlyAStopIsExecuted) {
+  class Standing final : public Backend {
+   public:
+    explicit Standing(Backend& backend) : backend_(backend) {}
+    std::size_t arm_count() const override { return backend_.arm_count(); }
+    Capabilities capabilities(ArmIndex arm) const override { return backend_.capabilities(arm); }
+    ArmSet wait() override { return {}; }
+    LoopTime now() const override { return {}; }
+    void read(ArmSet, std::span<ArmState>) override {}
+    void write(ArmSet, std::span<const ArmCommand>) override {}
+    std::optional<ConnectionStatistics> connection(ArmIndex) const override {
+      if (stand.exchange(false))
+        std::this_thread::sleep_for(GapWatch::kLongest + std::chrono::milliseconds(200));
+      return std::nullopt;
+    }
+    std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return {}; }
+    mutable std::atomic<bool> stand{false};
+
+   private:
+    Backend& backend_;
+  } standing(fixture_.loop.world);
+  LiveInputContext run = fixture_.run();
+  run.backend = &standing;
+  const LiveServer server(folder_ / "standing.sock", run);
+  fixture_.steps(1);
+  LiveClient watcher(server.path());
+  Raw asking(server.path());
+  ASSERT_EQ(watcher.ask({{"do", "list"}})["ok"], true);
+  standing.stand = true;
+  watcher.tell({{"do", "state"}, {"id", "state"}});
+  while (standing.stand) std::this_thread::yield();
+  asking.send(R"({"do":"switch","activate":["pose0"],"id":1})"
+              "\n"
+              R"({"do":"stop","arms":["arm1"],"id":2})"
+              "\n");
+  const json refused = asking.next();
+  EXPECT_EQ(refused["id"], 1);
+  EXPECT_EQ(refused["verdict"], "timeout");
+  EXPECT_THAT(refused["reason"].get<std::string>(), HasSubstr("stood still"));
+  fixture_.steps(2);
+  EXPECT_EQ(asking.next()["stopped"], json::array({"arm1"}));
+  EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("arm0_hold"));
+  json later;
+  do {
+    later = watcher.ask({{"do", "parameter"}, {"controllet", "pose0"}, {"name", "none"}, {"value", 1}});
+  } while (later["verdict"] == "timeout");
+  EXPECT_EQ(later["verdict"], "unknown_parameter");
+}
+
+// As slow as the test says, from the first call on: the server stands still between two steps of one turn.
+std::atomic<int> pauses_left{0};
+std::atomic<bool> first_pause_over{false};
+double pausing_clock() {
+  const int left = pauses_left.load();
+  if (left > 0) --pauses_left;
+  while (left == 4 && !first_pause_over) std::this_thread::yield();
+  if (left == 2) std::this_thread::sleep_for(GapWatch::kLongest + std::chrono::milliseconds(200));
+  return realtime_s();
+}
+
+TEST_F(ServerTest, AGapWithinATurnCountsToo) {
+  const LiveServer server(folder_ / "pausing.sock", fixture_.run(), pausing_clock);
+  const test::Stepping stepping(fixture_);
+  LiveClient owner(server.path());
+  ReferenceStream first = owner.open_stream("joint0", "joints"),
+                  second = owner.open_stream("joint0", "joints");
+  const JointVector q = fixture_.loop.models[0]->q_home();
+  Raw asking(server.path());
+  for (ReferenceStream* stream : {&first, &second}) {
+    ASSERT_TRUE(stream->send({q.data(), 7}));
+    while (owner.ask({{"do", "channels"}})["channels"][stream == &first ? 0 : 1]["received"] != 1) {
+    }
+  }
+  asking.send("{\"do\":\"list\"}\n");
+  ASSERT_EQ(asking.next()["ok"], true);
+  // One turn waits with the first packet, until the request and the second one are there. The next turn reads
+  // the request, then stands still with the second packet.
+  first_pause_over = false;
+  pauses_left = 4;
+  ASSERT_TRUE(first.send({q.data(), 7}));
+  while (pauses_left == 4) std::this_thread::yield();
+  asking.send("{\"do\":\"switch\",\"activate\":[\"pose0\"],\"id\":1}\n");
+  ASSERT_TRUE(second.send({q.data(), 7}));
+  first_pause_over = true;
+  const json answer = asking.next();
+  EXPECT_EQ(answer["verdict"], "timeout") << answer;
+  EXPECT_THAT(answer["reason"].get<std::string>(), HasSubstr("stood still"));
+}
+
+// The server stands still, for less than a gap, while somebody asks and gives up. A client that only sends
+// nothing more waits for its answer; a stop counts in any case.
+TEST_F(ServerTest, WhoHangsUpWhileTheServerStandsLeavesNothingThatActs) {
+  const LiveServer server(folder_ / "standing.sock", fixture_.run(), pausing_clock);
+  const test::Stepping stepping(fixture_);
+  LiveClient owner(server.path());
+  ReferenceStream stream = owner.open_stream("joint0", "joints");
+  const JointVector q = fixture_.loop.models[0]->q_home();
+  std::optional<Raw> asker;
+  const auto ask_meanwhile = [&](const std::string& text, bool known, bool gives_up) {
+    if (known) {
+      asker.emplace(server.path());
+      asker->send("{\"do\":\"list\"}\n");
+      ASSERT_EQ(asker->next()["ok"], true);
+    }
+    first_pause_over = false;
+    pauses_left = 4;
+    ASSERT_TRUE(stream.send({q.data(), 7}));
+    while (pauses_left == 4) std::this_thread::yield();
+    if (!known) asker.emplace(server.path());
+    asker->send(text + "\n");
+    if (gives_up) {
+      asker.reset();
+    } else {
+      asker->send_no_more();
+    }
+    pauses_left = 0;
+    first_pause_over = true;
+    for (int k = 0; k < 3; ++k) ASSERT_EQ(owner.ask({{"do", "list"}})["ok"], true);
+  };
+  const auto pose = [&] { return fixture_.loop.modes().owner(0) == fixture_.loop.find("pose0"); };
+  const std::string start = R"({"do":"switch","activate":["pose0"]})";
+  for (const bool known : {false, true}) {
+    ask_meanwhile(start, known, true);
+    (void)owner.ask(
+        {{"do", "parameter"}, {"controllet", "pose1"}, {"name", "damping_ratio"}, {"value", 0.7}});
+    EXPECT_FALSE(pose()) << known;
+    ask_meanwhile(R"({"do":"stop","arms":["arm0"]})", known, true);
+    while (!fixture_.loop.modes().stopped().contains(ArmIndex{0})) std::this_thread::yield();
+    ASSERT_EQ(owner.ask({{"do", "resume"}})["ok"], true);
+    ask_meanwhile(start, known, false);
+    EXPECT_EQ(asker->next()["ok"], true) << known;
+    EXPECT_TRUE(pose()) << known;
+    ASSERT_EQ(owner.ask({{"do", "switch"}, {"deactivate", {"pose0"}}})["ok"], true);
+  }
+}
+
+// A resume that is on its way while another client stops the arms again.
+TEST_F(ServerTest, AResumeNamesTheStopThatItsAskerHasSeen) {
+  const test::Stepping stepping(fixture_);
+  LiveClient one(server_.path()), other(server_.path());
+  ASSERT_EQ(one.ask({{"do", "stop"}})["ok"], true);
+  const json seen = one.ask({{"do", "state"}})["state"]["stops"];
+  ASSERT_EQ(other.ask({{"do", "stop"}})["ok"], true);  // of arms that are stopped: at once
+  while (one.ask({{"do", "state"}})["state"]["stops"] == seen) {
+  }
+  const json refused = one.ask({{"do", "resume"}, {"stops", seen}});
+  EXPECT_EQ(refused["verdict"], "arm_stopped") << refused;
+  EXPECT_THAT(refused["reason"].get<std::string>(), HasSubstr("stopped again"));
+  EXPECT_EQ(fixture_.loop.modes().stopped(), ArmSet::all(2));
+  for (const json& wrong : {json("all"), json(-1), json(1.5), json(4294967295u)})
+    EXPECT_EQ(one.ask({{"do", "resume"}, {"stops", wrong}})["verdict"], "malformed") << wrong;
+  const json now = one.ask({{"do", "state"}})["state"]["stops"];
+  EXPECT_EQ(now.get<int>(), seen.get<int>() + 1);
+  EXPECT_EQ(one.ask({{"do", "resume"}, {"stops", now}})["ok"], true);
+  EXPECT_TRUE(fixture_.loop.modes().stopped().empty());
+}
+
+// A NaN of Python's json, a name in another encoding, a comma too many, an end that was lost, a list.
+TEST_F(ServerTest, AStopThatIsNoJsonStops) {
+  for (const char* text :
+       {R"({"do":"stop","time":NaN})", "{\"do\":\"stop\",\"arms\":[\"\xe4rm\"]}", R"({"id":1,"do":"stop",})",
+        R"({"id":1,"do":"stop")", R"([{"do":"stop"}])", R"("stop")", "{'do': 'Stop'}",
+        "{\u201cdo\u201d: \u201cstop\u201d}", "do: stop", "STOP!"}) {
+    Raw client(server_.path());
+    client.send(text + std::string("\n"));
+    settle();
+    fixture_.steps(1);
+    EXPECT_EQ(fixture_.loop.modes().stopped(), ArmSet::all(2)) << text;
+    const json answer = client.next();
+    EXPECT_EQ(answer["ok"], true) << text;
+    EXPECT_THAT(answer.value("message", ""), HasSubstr("not a JSON object")) << text;
+    client.send("{\"do\":\"resume\"}\n");
+    settle();
+    fixture_.steps(1);
+    ASSERT_EQ(client.next()["ok"], true);
+  }
+}
+
+// A run that is frozen, or too busy to accept, is asked again until the patience is over.
+TEST(StopRun, WaitsForAPlaceBeforeTheRun) {
+  const test::PrivateFolder folder;
+  sockaddr_un address{.sun_family = AF_UNIX, .sun_path = {}};
+  const std::filesystem::path path = folder / "full.sock";
+  path.native().copy(address.sun_path, sizeof(address.sun_path) - 1);
+  const auto* place = reinterpret_cast<const sockaddr*>(&address);
+  const int listener = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+  ASSERT_EQ(bind(listener, place, sizeof(address)), 0);
+  ASSERT_EQ(listen(listener, 0), 0);
+  std::list<LineConnection> others;
+  for (int result = 0; result == 0;) {
+    const int file = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    others.emplace_back(file, 1024);
+    result = connect(file, place, sizeof(address));
+  }
+  // It is found without waiting for it, so that the runs beside it are stopped at once.
+  const HostTime before = host_now();
+  EXPECT_EQ(running_sockets(path.parent_path()), std::vector{path});
+  EXPECT_LT(seconds(host_now() - before), 1);  // connect() would wait for 2 s
+  json answer;
+  std::thread asker([&] { answer = stop_run(path, {}, 60); });
+  std::this_thread::sleep_for(std::chrono::milliseconds(2200));  // connect() waits for 2 s
+  bool stopped = false;
+  for (std::list<LineConnection> clients; !stopped; std::this_thread::yield()) {
+    if (const int file = accept4(listener, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC); file >= 0)
+      clients.emplace_back(file, 1024);
+    for (LineConnection& client : clients) {
+      (void)client.receive();
+      const auto line = client.next();
+      if (!line) continue;
+      EXPECT_TRUE(is_stop(json::parse(line->text))) << line->text;
+      client.send(R"({"id":1,"ok":true})");
+      client.flush();
+      stopped = true;
+    }
+  }
+  asker.join();
+  close(listener);
+  EXPECT_EQ(answer["ok"], true);
+  EXPECT_THROW((void)stop_run(folder / "nobody.sock", {}, 60), std::runtime_error);
+}
+
+// Another computer's clock counts from another time; its requests are as old as they are.
+TEST_F(ServerTest, AnswersTellTheClock) {
+  LiveClient client(server_.path());
+  const HostTime before = host_now();
+  const json answer = client.ask({{"do", "list"}});
+  EXPECT_GE(answer["now_ns"].get<std::int64_t>(), before.ns);
+  EXPECT_LE(answer["now_ns"].get<std::int64_t>(), host_now().ns);
 }
 
 TEST_F(ServerTest, LinesThatAreTooLongAreRefusedAndDiscarded) {

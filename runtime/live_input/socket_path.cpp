@@ -5,6 +5,9 @@
 #include <cstdlib>
 #include <cstring>
 #include <fcntl.h>
+#include <fstream>
+#include <set>
+#include <sstream>
 #include <sys/file.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
@@ -73,18 +76,45 @@ void make_private_folder(const std::filesystem::path& folder) {
   }
 }
 
+// Without waiting: a frozen run, which accepts nobody, listens as well.
+bool listens(const std::filesystem::path& path) {
+  const sockaddr_un address = address_of(path);
+  const int file = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+  if (file < 0) return false;
+  const bool found =
+      connect(file, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0 || errno == EAGAIN;
+  close(file);
+  return found;
+}
+
 std::vector<std::filesystem::path> running_sockets(const std::filesystem::path& folder) {
   std::vector<std::filesystem::path> found;
   std::error_code ignored;
   for (const auto& entry : std::filesystem::directory_iterator(folder, ignored)) {
     if (entry.path().extension() != ".sock" || !entry.is_socket(ignored)) continue;
-    const int file = connect_to(entry.path(), SOCK_STREAM);
-    if (file < 0) continue;
-    close(file);
-    found.push_back(entry.path());
+    if (listens(entry.path())) found.push_back(entry.path());
   }
   std::sort(found.begin(), found.end());
   return found;
+}
+
+// A run has two listening sockets, with names that belong together.
+std::vector<std::filesystem::path> all_running_sockets() {
+  constexpr const char *kListens = "00010000", *kStream = "0001", *kSequence = "0005";
+  std::set<std::filesystem::path> streams, sequences;
+  std::ifstream table("/proc/net/unix");
+  for (std::string line; std::getline(table, line);) {
+    std::istringstream words(line);
+    std::string number, references, protocol, flags, type, state, inode, path;
+    words >> number >> references >> protocol >> flags >> type >> state >> inode;
+    std::getline(words >> std::ws, path);
+    if (flags != kListens || !path.starts_with('/')) continue;
+    if (type == kStream) streams.insert(path);
+    if (type == kSequence) sequences.insert(path);
+  }
+  std::erase_if(streams, [&](const auto& path) { return !sequences.contains(stream_path(path)); });
+  for (auto& path : running_sockets()) streams.insert(std::move(path));
+  return {streams.begin(), streams.end()};
 }
 
 std::filesystem::path stream_path(const std::filesystem::path& socket) { return beside(socket, ".stream"); }
@@ -154,6 +184,8 @@ int connect_to(const std::filesystem::path& path, int type) {
   const sockaddr_un address = address_of(path);
   const int file = socket(AF_UNIX, type | SOCK_CLOEXEC, 0);
   if (file < 0) return -1;
+  constexpr timeval kPatience{.tv_sec = 2, .tv_usec = 0};  // a frozen run accepts nobody
+  (void)setsockopt(file, SOL_SOCKET, SO_SNDTIMEO, &kPatience, sizeof(kPatience));
   if (connect(file, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0) return file;
   const int reason = errno;
   close(file);

@@ -23,6 +23,9 @@ void make_private_folder(const std::filesystem::path& folder);
 // The sockets in a folder on which a process listens, sorted by name.
 std::vector<std::filesystem::path> running_sockets(const std::filesystem::path& folder = socket_folder());
 
+// Those of all runs on this computer: also of sockets elsewhere, of other environments and of other users.
+std::vector<std::filesystem::path> all_running_sockets();
+
 // Path of a run's data stream: "<path>.stream" next to its socket.
 std::filesystem::path stream_path(const std::filesystem::path& socket);
 
@@ -48,7 +51,8 @@ class SocketClaim {
 // A listening socket at a claimed path, mode 0600, non-blocking. `type`: SOCK_STREAM or SOCK_SEQPACKET.
 // Throws std::system_error.
 int listen_at(const std::filesystem::path& path, int type);
-// A connected socket, or -1 with errno if no process listens. Throws std::invalid_argument (path too long).
+// A connected socket, or -1 with errno if no process listens, or none accepts for 2 s. Throws
+// std::invalid_argument (path too long).
 int connect_to(const std::filesystem::path& path, int type);
 
 }  // namespace multipanda

@@ -8,7 +8,7 @@
 
 #include "core/model/model_terms.hpp"
 #include "core/model/prismatic_joints.hpp"
-#include "core/state/arm_mode_name.hpp"
+#include "core/state/arm_state.hpp"
 #include "core/types/carriage_speed.hpp"
 #include "runtime/request_text.hpp"
 #include "scene/build.hpp"
@@ -19,15 +19,16 @@ namespace {
 constexpr double kProgressEvery = 0.05;  // [s]
 constexpr double kSettleTime = 1.0;      // for the set-point to come to rest at the goal [s]
 constexpr double kLatest = 0.05;         // largest delay of a record that is compensated [s]
-// Between two looks at the hand's speed along a motion [s], and the most looks at a long one.
+// Time between two checks of the hand's speed along a motion [s], and the largest number of checks of a
+// long one.
 constexpr double kHandSpeedStep = 0.005, kMostHandSpeeds = 5000;
 constexpr int kSlowerRounds = 8;
-// A carriage accelerates with this share of the force that the bounds for contact leave it: a heavy one could
+// A carriage accelerates with this share of the force that the bounds for contact allow it: a heavy one could
 // not follow a faster set-point.
 constexpr double kCarriageShare = 0.5;
 constexpr double kAtGoal = 1e-3, kAtRest = 1e-3;
-// Look-ahead of a motion that takes over from another [s]: it must be planned by then, so longer ones are
-// tried if planning was too slow.
+// Look-ahead of a motion that takes over from another [s]: planning must be finished by then, so longer ones
+// are tried if it was too slow.
 constexpr double kLeads[] = {0.03, 0.1, 0.4, 2.0};
 
 std::int64_t to_ns(double s) { return static_cast<std::int64_t>(std::llround(s * 1e9)); }
@@ -158,7 +159,8 @@ double ArmMotion::top_hand_speed(const JointMotion& motion) const {
   return fastest;
 }
 
-// Slowed down as a whole until the hand keeps to its speed. A moving start is braked first at any scale.
+// Slowed down as a whole until the hand's speed is within its bound. A moving start is braked first at
+// any scale.
 JointMotion ArmMotion::via_motion(const JointSample& start, std::span<const JointVector> via,
                                   const Input& input, double scale) const {
   const double allowed = allowed_hand_speed(input);
@@ -177,17 +179,19 @@ const char* ArmMotion::unit_of(Eigen::Index joint) const {
   return run_.models[arm_]->is_prismatic(static_cast<std::size_t>(joint)) ? "m" : "rad";
 }
 
-void ArmMotion::check_joints(const JointVector& q) const {
-  if (static_cast<std::size_t>(q.size()) != n_)
-    throw MotionRefused(fmt::format("'{}' has {} joints, the point has {} positions",
-                                    run_.modes->arm_name(arm_), n_, q.size()));
-  const ArmLimits& limits = run_.models[arm_]->limits();
-  for (Eigen::Index j = 0; j < q.size(); ++j) {
-    if (q[j] >= limits.q_min[j] && q[j] <= limits.q_max[j]) continue;  // false for NaN
-    throw MotionRefused(fmt::format("{} cannot go to {:.4g} {}: expected {:.4g} to {:.4g}",
-                                    joint_text(run_.modes->arm_name(arm_), j), q[j], unit_of(j),
-                                    limits.q_min[j], limits.q_max[j]));
-  }
+void ArmMotion::check_goal(const Input& input, const Target& goal) const {
+  Request request{.kind = Request::Kind::set_target, .instance = input.instance};
+  request.index = static_cast<std::uint16_t>(input.input);
+  request.target = goal;
+  if (const Verdict verdict = run_.modes->check(request); verdict != Verdict::accepted)
+    throw MotionRefused(
+        fmt::format("'{}': {}", run_.modes->arm_name(arm_), reason(*run_.modes, request, verdict)));
+}
+
+void ArmMotion::check_joints(const Input& input, const JointVector& q) const {
+  Target goal;
+  goal.set({q.data(), static_cast<std::size_t>(q.size())});
+  check_goal(input, goal);
 }
 
 namespace {
@@ -203,10 +207,10 @@ void ArmMotion::through_joints(std::span<const JointVector> via, double scale,
                                std::shared_ptr<MotionListener> listener) {
   check_scale(scale);
   if (via.empty()) throw MotionRefused("expected at least one joint position to move through");
-  for (const JointVector& q : via) check_joints(q);
   begin(
       Quantity::joints,
       [&](const Start& start, const Input& input) -> Motion {
+        for (const JointVector& q : via) check_joints(input, q);
         return via_motion(std::get<JointSample>(start), via, input, scale);
       },
       {}, std::move(listener));
@@ -216,11 +220,6 @@ void ArmMotion::through_poses(std::span<const ViaPose> via, double scale,
                               std::shared_ptr<MotionListener> listener) {
   check_scale(scale);
   if (via.empty()) throw MotionRefused("expected at least one pose to move through");
-  for (const ViaPose& each : via) {
-    if (!each.p_WE.allFinite() || (each.R_WE && !each.R_WE->allFinite()))
-      throw MotionRefused("a pose has a value that is not finite");
-    if (each.p_WE.norm() > 10) throw MotionRefused("a pose is more than 10 m away from the world's origin");
-  }
   begin(
       Quantity::pose,
       [&](const Start& start, const Input& input) -> Motion {
@@ -229,6 +228,7 @@ void ArmMotion::through_poses(std::span<const ViaPose> via, double scale,
         for (const ViaPose& each : via) {
           before = each.R_WE.value_or(before);
           poses.push_back({before, each.p_WE});
+          check_goal(input, pose_target(poses.back()));
         }
         return pose_via_motion(std::get<PoseSample>(start), poses, pose_limits(input), scale);
       },
@@ -246,7 +246,7 @@ void ArmMotion::follow(const TrajectoryGoal& goal, std::shared_ptr<MotionListene
           for (Eigen::Index j = 0; j < point.position.size(); ++j) {
             if (std::isnan(point.position[j])) point.position[j] = start.position[j];
           }
-          check_joints(point.position);
+          check_joints(input, point.position);
         }
         if (points.front().time_s <= 0) {
           Eigen::Index worst = 0;
@@ -274,9 +274,8 @@ void ArmMotion::check_trajectory(const JointMotion& motion, const Input& input) 
   const double allowed = allowed_hand_speed(input);
   if (const double fastest = std::isfinite(allowed) ? top_hand_speed(motion) : 0; fastest > 1.001 * allowed)
     throw MotionRefused(fmt::format(
-        "the trajectory moves the hand{} of '{}' at {:.3g} m/s, which may reach {:.3g} m/s beside "
-        "people; give it {:.2g} times the time, or lift hand_speed_m_per_s in the scene's "
-        "contact_bounds",
+        "the trajectory moves the hand{} of '{}' at {:.3g} m/s, but at most {:.3g} m/s are allowed beside "
+        "people; use {:.2g} times the duration, or raise hand_speed_m_per_s in the scene's contact_bounds",
         has_prismatic_joints(*run_.models[arm_]) ? " or a carriage" : "", run_.modes->arm_name(arm_), fastest,
         allowed, fastest / allowed));
   const JointPeaks peaks = motion.peaks();
@@ -340,8 +339,7 @@ void ArmMotion::begin(Quantity quantity, const std::function<Motion(const Start&
     }
     run.knots = std::visit([](const auto& motion) { return motion.knots(); }, run.motion);
     const std::lock_guard lock(mutex_);
-    // The plan came too late to take over, or the earlier motion has ended in the meantime: start from the
-    // present state.
+    // The plan was too late for a take-over, or the earlier motion has ended: start from the present state.
     if (takes_over && (runs_.empty() || runs_.back().t0 != last_t0 || run.t0 <= t_)) continue;
     if (!runs_.empty()) {
       Run& last = runs_.back();
@@ -364,7 +362,7 @@ bool ArmMotion::cancel(const MotionListener& listener) {
   if (runs_.empty() || runs_.back().listener.get() != &listener) return false;
   Run& run = runs_.back();
   if (run.t0 == kNow || run.t0 > t_) {  // not started yet
-    if (runs_.size() > 1) {             // the motion that it takes over from still moves
+    if (runs_.size() > 1) {             // the motion before it still moves
       runs_[runs_.size() - 2].listener = std::move(run.listener);
       runs_.pop_back();
       brake(runs_.back(), MotionResult::canceled, "canceled");
@@ -384,7 +382,7 @@ const ReferenceSample* ArmMotion::latest(const Input& input) const {
   return nullptr;
 }
 
-// Returns the set-point and its velocity. Its acceleration is not recorded and assumed to be zero.
+// Returns the set-point and its velocity; the unrecorded acceleration is assumed to be zero.
 ArmMotion::Start ArmMotion::start_of(const Input& input) const {
   const ReferenceSample& now = *latest(input);
   if (spec(input).quantity == Quantity::joints) {
@@ -394,9 +392,8 @@ ArmMotion::Start ArmMotion::start_of(const Input& input) const {
     start.acceleration = joint_constant(n_, 0);
     return start;
   }
-  const auto& v = now.values;
   PoseSample start;
-  start.X = Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
+  start.X = Pose::from(now.values.data());
   start.V.vector = Eigen::Map<const Vector6>(now.rates.data());
   return start;
 }
@@ -521,7 +518,7 @@ void ArmMotion::settle(Run& run, const ArmSample& arm, double t) {
 }
 
 // Returns the loop's progress since the record [ns], in whole periods: a sample belongs to the loop's
-// newest cycle, however late this thread runs. Fractions of a period would pass this thread's jitter to
+// newest cycle, however late this thread runs. Fractions of a period would add this thread's jitter to
 // the set-point.
 std::int64_t ArmMotion::behind(const CycleRecord& record) const {
   const double period = run_.backend->period();
@@ -530,8 +527,8 @@ std::int64_t ArmMotion::behind(const CycleRecord& record) const {
   return to_ns(period * std::floor(age / period));
 }
 
-// A controllet that ends and starts again within one cycle drives the arm in every record, but stands still
-// where the arm is.
+// A controllet that stops and starts again within one cycle drives the arm in every record, but begins at the
+// arm's position.
 void ArmMotion::take(const Event& event) {
   const std::lock_guard lock(mutex_);
   if (event.kind != EventKind::switched) return;
@@ -572,7 +569,7 @@ void ArmMotion::take(const CycleRecord& record) {
   const double t = to_s(t_ - run.t0);
   notify(run, arm, t);
   if (t < duration_of(run.motion)) {
-    // Once per cycle: the sequence numbers of the series count its cycles.
+    // Once per cycle, because the sequence numbers of a series count cycles.
     if (t_ != before && !post(run, t, Delivery::stream))
       end(MotionResult::lost, "the input refuses the motion's samples");
   } else if (!run.goal_sent) {

@@ -38,8 +38,8 @@ struct MotionProgress {
   JointVector q, dq;                  // measured [rad, rad/s] (n x 1)
 };
 
-// Receives progress and end of a motion. Called from two threads (publisher's, executor's), one at a time.
-// Must not call the motion.
+// Receives progress and end of a motion. Called from two threads (publisher's, executor's), never
+// concurrently. Must not call the motion.
 class MotionListener {
  public:
   virtual ~MotionListener() = default;
@@ -78,17 +78,17 @@ class ArmMotion {
   // The first point of a trajectory may be this far from the set-point, which replaces it.
   static constexpr double kStartTolerance = 0.1;  // [rad]
 
-  // `run` outlives this object. `paced`: the loop follows the wall clock, so the delay of a record tells how
-  // far the loop has advanced; otherwise the loop waits for its records.
+  // `run` must outlive this object. `paced`: the loop follows the wall clock, so a record's delay shows the
+  // loop's progress; otherwise the loop waits for its records.
   ArmMotion(const RunContext& run, ArmIndex arm, bool paced = true);
   ~ArmMotion();  // brings a running motion to rest
   ArmMotion(const ArmMotion&) = delete;
 
   // One thread, not the loop's.
   // Returns whether records have reached `since` and contain the controllet that is active now. After a
-  // switch or on a busy machine this takes a moment, and earlier records may be long outdated.
+  // switch or on a busy machine this takes a moment; until then records may be outdated.
   bool ready(Quantity quantity, HostTime since) const;
-  // These functions throw MotionRefused and change nothing, or accept the listener. They plan, which
+  // These functions throw MotionRefused and change nothing, or accept the listener. Planning
   // takes milliseconds.
   void through_joints(std::span<const JointVector> via, double scale,
                       std::shared_ptr<MotionListener> listener);
@@ -116,7 +116,7 @@ class ArmMotion {
     TrajectoryGoal watch;  // its tolerances
     std::vector<double> knots;
     bool braking = false, goal_sent = false;
-    MotionResult end = MotionResult::reached;  // when it is at rest
+    MotionResult end = MotionResult::reached;  // result once it is at rest
     std::string why;
     std::int64_t last_progress = kNow;
   };
@@ -127,14 +127,16 @@ class ArmMotion {
   const InputSpec& spec(const Input& input) const;
   JointMotionLimits joint_limits(const Input& input) const;
   PoseMotionLimits pose_limits(const Input& input) const;
-  // The highest speed in a joint motion, of the hand or of what a prismatic joint moves, and what the scene's
-  // bounds for contact allow; the loop would slow down a faster set-point, so that it arrives late.
+  // The highest speed in a joint motion, of the hand or of the bodies moved by a prismatic joint, and the
+  // scene's bound for contact; the loop would slow down a faster set-point, which would then arrive late.
   double top_hand_speed(const JointMotion& motion) const;
   double allowed_hand_speed(const Input& input) const;
   JointMotion via_motion(const JointSample& start, std::span<const JointVector> via, const Input& input,
                          double scale) const;
   const char* unit_of(Eigen::Index joint) const;  // of its position: rad, of a prismatic joint m
-  void check_joints(const JointVector& q) const;
+  // Both throw MotionRefused for motions that the input does not accept.
+  void check_goal(const Input& input, const Target& goal) const;
+  void check_joints(const Input& input, const JointVector& q) const;
   void check_trajectory(const JointMotion& motion, const Input& input) const;
   void begin(Quantity quantity, const std::function<Motion(const Start&, const Input&)>& plan,
              TrajectoryGoal watch, std::shared_ptr<MotionListener> listener);

@@ -14,6 +14,7 @@
 #include "backends/mujoco/mujoco_backend.hpp"
 #include "core/cycle/control_cycle.hpp"
 #include "core/model/model_terms.hpp"
+#include "core/testing/wrong_goals.hpp"
 #include "core/trajectory/quintic.hpp"
 #include "runtime/motion/joint_move.hpp"
 #include "scene/build.hpp"
@@ -173,12 +174,12 @@ class ArmMotionTest : public testing::Test {
 };
 
 TEST_F(ArmMotionTest, MovesThroughJointsToRestAtTheLastOneAndLeavesAGoal) {
-  EXPECT_THAT(
-      refusal([&] { left_->through_joints(std::vector<JointVector>{JointVector::Zero(7)}, 1, listener_); }),
-      HasSubstr("rad: expected"));
   EXPECT_FALSE(left_->ready(Quantity::joints, {}));
   steps(10);
   EXPECT_TRUE(left_->ready(Quantity::joints, {}));
+  EXPECT_THAT(
+      refusal([&] { left_->through_joints(std::vector<JointVector>{JointVector::Zero(7)}, 1, listener_); }),
+      HasSubstr("'left': joint4: 0 rad is outside of "));
   const HostTime now = host_now();
   EXPECT_FALSE(left_->ready(Quantity::joints, now)) << "the records are older";
   steps(1);
@@ -222,10 +223,7 @@ TEST_F(ArmMotionTest, HalfTheVelocityTakesAboutTwiceTheTime) {
 TEST_F(ArmMotionTest, MovesThroughPosesOfAnArmOnARotatedBase) {
   steps(10);
   const auto input = cycle_.modes().find("right_pose");
-  const auto pose_now = [&] {
-    const JointVector v = from(newest_.references, input);
-    return Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
-  };
+  const auto pose_now = [&] { return Pose::from(from(newest_.references, input).data()); };
   const Pose start = pose_now();
   const Matrix3 turned = exp_rotation({0, 0.2, 0.3}) * start.rotation;
   right_->through_poses(std::vector<ViaPose>{{start.position + Vector3(0.05, 0, 0.05), {}},
@@ -356,15 +354,21 @@ TEST_F(ArmMotionTest, InvalidGoalsAreRefusedWithWhatWasExpected) {
   EXPECT_THAT(joints({here}, 0), HasSubstr("above 0 and at most 1"));
   EXPECT_THAT(joints({here}, 1.5), HasSubstr("above 0 and at most 1"));
   EXPECT_THAT(joints({here}, std::nan("")), HasSubstr("above 0 and at most 1"));
-  EXPECT_THAT(joints({here.head(6)}, 1), HasSubstr("'left' has 7 joints, the point has 6"));
-  EXPECT_THAT(joints({offset(here, 3, 5)}, 1), HasSubstr("left_joint4 cannot go to"));
-  EXPECT_THAT(joints({offset(here, 2, std::nan(""))}, 1), HasSubstr("left_joint3"));
+  EXPECT_THAT(joints({here.head(6)}, 1), HasSubstr("'left': expected 7 numbers, found 6"));
+  EXPECT_THAT(joints({offset(here, 3, 5)}, 1), HasSubstr("joint4: "));
+  EXPECT_THAT(joints({offset(here, 2, std::nan(""))}, 1), HasSubstr("number 3 of 7 is not finite"));
+  for (const auto& goal : test::wrong_goals(*run_.models[0])) {
+    if (goal.quantity != Quantity::joints) continue;
+    const Eigen::Map<const Eigen::VectorXd> q(goal.values.data(),
+                                              static_cast<Eigen::Index>(goal.values.size()));
+    EXPECT_THAT(joints({q}, 1), HasSubstr(goal.sentence));
+  }
   switch_to("left_pose");
   const auto pose = [&](ViaPose via) {
     return refusal([&] { left_->through_poses(std::vector{via}, 1, listener_); });
   };
   EXPECT_THAT(pose({{std::nan(""), 0, 0}, {}}), HasSubstr("not finite"));
-  EXPECT_THAT(pose({{50, 0, 0}, {}}), HasSubstr("10 m"));
+  EXPECT_THAT(pose({{50, 0, 0}, {}}), HasSubstr("out of reach"));
   EXPECT_FALSE(listener_->ended);
   steps(200);
   EXPECT_LT(speed(0), 0.01) << "nothing has moved";
@@ -459,7 +463,7 @@ TEST_F(ArmMotionTest, TrajectoriesBeyondTheLimitsAreRefused) {
   EXPECT_THAT(refused({point(0, start)}), HasSubstr("single point"));
   EXPECT_THAT(refused({point(0, offset(start, 1, 0.3)), point(1, start)}),
               ::testing::AllOf(HasSubstr("starts at"), HasSubstr("left_joint2")));
-  EXPECT_THAT(refused({point(1, offset(start, 0, 9))}), HasSubstr("left_joint1 cannot go to"));
+  EXPECT_THAT(refused({point(1, offset(start, 0, 9))}), HasSubstr("joint1: "));
   EXPECT_THAT(refused({point(0.1, offset(start, 0, 0.9))}), HasSubstr("rad/s; the arm's limit is"));
   EXPECT_THAT(refused({point(1, offset(start, 0, 0.8))}), HasSubstr("left_joints/joints is 0.5"));
   // Within the limits at its points, but not between them
@@ -515,7 +519,7 @@ TEST_F(BesidePeopleTest, TrajectoriesThatMoveTheHandTooFastAreRefusedWithTheKeyT
     return refusal([&] { left_->follow({.points = {point(time, there)}}, listener_); });
   };
   EXPECT_THAT(refused(0.8), testing::AllOf(HasSubstr("moves the hand of 'left' at 0."),
-                                           HasSubstr("contact_bounds"), HasSubstr("times the time")));
+                                           HasSubstr("contact_bounds"), HasSubstr("times the duration")));
   EXPECT_EQ(refused(3), "it was accepted");
 }
 
@@ -572,7 +576,7 @@ TEST_F(CarriageTest, IsNoFasterThanAHandMayBe) {
               }),
               HasSubstr("a carriage of 'left'"));
   EXPECT_THAT(refusal([&] { left_->through_joints(std::vector<JointVector>{3 * far}, 1, listener_); }),
-              HasSubstr("1.2 m: expected -1 to 1"));
+              HasSubstr("joint1: 1.2 m is outside of -1 to 1 m"));
   left_->through_joints(std::vector<JointVector>{far}, 1, listener_);
   double fastest = 0;
   for (int k = 0; k < 6000 && !listener_->ended; ++k) {

@@ -13,7 +13,7 @@
 namespace multipanda {
 namespace {
 
-// Places of the header (docs/shared_records.md).
+// Offsets in the header (docs/live_input.md).
 constexpr std::size_t kTableBytesAt = 8, kBytesAt = 24, kRecordsAt = 64, kEventsAt = 80, kTableAt = 96;
 constexpr std::size_t kEventTextAt = 32;
 constexpr std::string_view kMagic = "mp-rec-1";
@@ -84,7 +84,7 @@ std::uint64_t RecordReader::oldest_event() const {
   return written > event_count_ ? written - event_count_ : 0;
 }
 
-// A slot's number is 2 n + 2 while record n is whole in it.
+// A slot's number is 2 n + 2 while record n is complete in it.
 bool RecordReader::read_slot(std::size_t at, std::uint64_t number, std::byte* to, std::size_t bytes) const {
   if (head(at) != 2 * number + 2) return false;
   std::memcpy(to, memory_ + at, bytes);

@@ -5,20 +5,15 @@
 #include <string>
 #include <vector>
 
-#include "core/types/time.hpp"
+#include "core/record/record_fields.hpp"
 
 namespace multipanda {
 
-// Reads the shared records of a run (docs/shared_records.md) from their descriptor, in this process or in
-// another one. It never waits, and the writer does not notice it.
+// Reads a run's shared records (docs/live_input.md) from their descriptor, in any process. It never waits and
+// does not affect the writer.
 class RecordReader {
  public:
-  struct Field {
-    std::string name;
-    char type = 'f';         // f: floating point; u, i: integers; all of 8 bytes
-    std::size_t offset = 0;  // bytes from the begin of the record
-    std::size_t count = 1;
-  };
+  using Field = RecordField;
   struct Event {
     std::uint64_t cycle = 0;
     LoopTime t;
@@ -26,7 +21,7 @@ class RecordReader {
   };
   using Record = std::vector<std::byte>;
 
-  // Maps the memory. Throws std::runtime_error if it is none of shared records.
+  // Maps the memory. Throws std::runtime_error if it does not hold shared records.
   explicit RecordReader(int file);
   ~RecordReader();
   RecordReader(const RecordReader&) = delete;
@@ -38,9 +33,9 @@ class RecordReader {
 
   std::uint64_t records() const;  // written so far
   std::uint64_t events() const;
-  std::uint64_t oldest_record() const;  // that is still there, or may be overwritten at this moment
+  std::uint64_t oldest_record() const;  // still available, or being overwritten
   std::uint64_t oldest_event() const;
-  // False: it is not there yet, or overwritten.
+  // Returns false if it is not available yet, or overwritten.
   bool read(std::uint64_t number, Record& record) const;
   std::optional<Event> event(std::uint64_t number) const;
 

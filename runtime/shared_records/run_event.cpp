@@ -5,12 +5,12 @@
 
 #include <fmt/format.h>
 
-#include "device/arm_error.hpp"
+#include "arm_interface/arm_error.hpp"
 
 namespace multipanda {
 namespace {
 
-// Force [N] at the end effector: of the simulator's contacts where they are known, which has no offset.
+// Force at the end effector [N]: from the simulator's contacts if known, which have no offset.
 double force_of(const ArmSample& sample) {
   const auto& F = sample.has_contact_truth ? sample.F_K_W_true : sample.F_K_W_est;
   if (!sample.has_contact_truth && !sample.has_wrench_estimate) return 0;
@@ -36,7 +36,7 @@ std::vector<RunEvent> RunEvents::take(const Event& event) {
   RunEvent out{.cycle = event.cycle, .t = event.t, .kind = std::string(to_string(event.kind))};
   out.text = words_.of(event);
   out.arm = words_.arm_name(event.arm);
-  if (event.kind == EventKind::intervention) {  // as the summary of a run writes it
+  if (event.kind == EventKind::intervention) {  // as in the summary of a run
     out.text = to_string(event.intervention);
     std::replace(out.text.begin(), out.text.end(), ' ', '_');
   }
@@ -72,7 +72,7 @@ std::vector<RunEvent> RunEvents::take(const CycleRecord& record,
     const std::uint64_t before = arm.known ? arm.errors : 0;
     if (sample.errors != before) {
       if (sample.errors == 0) {
-        add(out, record, arm, "recovered", "no error is left");
+        add(out, record, arm, "recovered", "no errors left");
       } else {
         const auto known = reasons.find(arm.name);
         add(out, record, arm, "error", known != reasons.end() ? known->second : error_names(sample.errors));

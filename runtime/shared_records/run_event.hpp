@@ -10,21 +10,21 @@
 
 namespace multipanda {
 
-// Something that happened in a run.
+// An event in a run.
 struct RunEvent {
   std::uint64_t cycle = 0;
   LoopTime t;
-  std::string kind;  // docs/shared_records.md lists them
-  std::string arm;   // empty: of no single arm
+  std::string kind;  // docs/live_input.md lists them
+  std::string arm;   // empty: no single arm
   std::string text;
 };
 
-// Makes them from everything that the loop records: none comes and goes between two looks. One thread, which
-// takes events and records in the loop's order.
+// Derives events from all records, so that none is missed between two polls. One thread, which takes events
+// and records in the loop's order.
 class RunEvents {
  public:
-  // A contact begins at this force or torque and ends after kRest below kRelease of it, so that it does not
-  // flicker. The figures are those from which real arms report contact (device/arm_settings.hpp).
+  // A contact begins at this force or torque and ends when it is below kRelease of it for kRest, to avoid
+  // flicker. These are the thresholds at which real arms report contact (arm_interface/arm_settings.hpp).
   static constexpr double kForce = 20, kTorque = 20;  // [N], [N m] in a joint
   static constexpr double kRelease = 0.75;            // [1]
   static constexpr double kRest = 0.05;               // [s]
@@ -32,7 +32,7 @@ class RunEvents {
   explicit RunEvents(const RecordLayout& layout);
 
   std::vector<RunEvent> take(const Event& event);
-  // `reasons`: why arms stopped themselves, by their names, where their errors begin with this record.
+  // `reasons`: by arm name, why arms stopped themselves with errors that begin in this record.
   std::vector<RunEvent> take(const CycleRecord& record, const std::map<std::string, std::string>& reasons);
 
  private:
@@ -43,7 +43,7 @@ class RunEvents {
     std::uint16_t owner = 0;
     std::uint64_t errors = 0;
     bool grasped = false, in_contact = false;
-    LoopTime pressed;  // last time above the release
+    LoopTime pressed;  // last time above the release threshold
   };
 
   void add(std::vector<RunEvent>& out, const CycleRecord& record, const Arm& arm, const char* kind,

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "device/arm_error.hpp"
+#include "arm_interface/arm_error.hpp"
 
 namespace multipanda::run_event_test {
 namespace {

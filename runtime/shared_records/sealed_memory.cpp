@@ -22,7 +22,7 @@ SealedMemory::SealedMemory(const std::string& name, std::size_t bytes) : size_(b
   void* mapped = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, file_, 0);
   if (mapped == MAP_FAILED) failed("mmap");
   data_ = static_cast<std::byte*>(mapped);
-  // After the mapping above, which stays the only one that can be written through.
+  // After the mapping above, which remains the only writable one.
   if (fcntl(file_, F_ADD_SEALS, F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_FUTURE_WRITE | F_SEAL_SEAL) != 0)
     failed("seals (Linux 5.1 or newer has them)");
 }

@@ -5,9 +5,9 @@
 
 namespace multipanda {
 
-// Memory that this process writes and that others, who get its descriptor, can only read. Seals keep its size
-// and forbid every later way of writing: no reader can change what another one sees, nor cut the memory off
-// under the writer. All pages are there from the start, so that no write has to wait for one.
+// Memory that this process writes and that others, with its descriptor, can only read. Seals fix its size and
+// prevent later writable mappings: no reader can change the contents or truncate the memory. All pages are
+// allocated from the start, so that no write waits for one.
 class SealedMemory {
  public:
   // `name`: shown in /proc. Throws std::runtime_error, for example on a kernel before 5.1.
@@ -18,7 +18,7 @@ class SealedMemory {
 
   std::byte* data() const { return data_; }
   std::size_t size() const { return size_; }
-  int file() const { return file_; }  // to pass on
+  int file() const { return file_; }  // descriptor to pass on
 
  private:
   int file_ = -1;

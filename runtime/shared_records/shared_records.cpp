@@ -7,9 +7,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "arm_interface/arm_error.hpp"
 #include "core/reference/target.hpp"
-#include "core/state/arm_mode_name.hpp"
-#include "device/arm_error.hpp"
+#include "core/state/arm_state.hpp"
 
 namespace multipanda {
 namespace {
@@ -24,7 +24,8 @@ std::atomic_ref<std::uint64_t> number_of(std::byte* slot) {
   return std::atomic_ref<std::uint64_t>(*reinterpret_cast<std::uint64_t*>(slot));
 }
 
-// Slot number n of a ring: odd while it is written, then 2 n + 2, by which a reader knows what it copied.
+// Slot number n of a ring: odd while it is written, then 2 n + 2, which tells a reader whether its copy
+// is valid.
 template <class Fill>
 void write_slot(std::byte* slot, std::uint64_t n, const Fill& fill) {
   number_of(slot).store(2 * n + 1, std::memory_order_relaxed);
@@ -86,23 +87,20 @@ void SharedRecords::lay_out(const RecordLayout& layout) {
     list.prefix(arm.name + "/");
     visit_arm(list, ArmSample{}, ArmAddition{}, arm.joint_count);
   }
-  const std::array<double, kMaxTargetValues> none{};
   for (const auto& instance : layout.instances) {
     list.prefix(instance.name + "/");
     auto& inputs = references_.emplace_back();
     for (const auto& input : instance.inputs) {
       inputs.push_back({list.offset(), reference_size(input.quantity, instance.arms, layout)});
-      list.numbers(input.name, std::span(none).first(inputs.back().size));
+      list.add(input.name, 'f', inputs.back().size);
     }
   }
   outputs_at_ = list.offset();
   output_count_ = layout.output_count;
-  // In the order of CycleRecord::outputs, which the writer copies as a whole.
-  const std::vector<double> zeros(layout.output_count);
+  // In the order of CycleRecord::outputs, which is copied as a whole.
   for (const auto& instance : layout.instances) {
     list.prefix(instance.name + "/outputs/");
-    for (const auto& output : instance.outputs)
-      list.numbers(output.name, std::span(zeros).first(output.size));
+    for (const auto& output : instance.outputs) list.add(output.name, 'f', output.size);
   }
   record_bytes_ = list.offset();
   fields_ = std::move(list.fields());
@@ -124,13 +122,17 @@ void SharedRecords::write_table(const std::string& scene, const RecordLayout& la
     std::replace(name.begin(), name.end(), ' ', '_');
     table["interventions"].push_back(std::move(name));
   }
+#define MULTIPANDA_KNOWN(type, member, name, message, known, doc) \
+  if (std::string_view(#known) != "always") table["known_by"][#name] = #known;
+  MULTIPANDA_ARM_FIELDS(MULTIPANDA_KNOWN)
+#undef MULTIPANDA_KNOWN
   for (const auto& field : fields_)
     table["fields"].push_back({field.name, std::string(1, field.type) + "8", field.offset, field.count});
   table["record_bytes"] = record_bytes_;
   table["records"] = kRecords;
   table["event_bytes"] = kEventBytes;
   table["events"] = kEvents;
-  // The places depend on the length of the text: room for their digits is kept.
+  // Offsets depend on the length of the text: space for their digits is reserved.
   constexpr std::size_t kDigits = 64;
   first_record_ = whole_pages(sizeof(Header) + table.dump().size() + kDigits);
   first_event_ = whole_pages(first_record_ + kRecords * record_bytes_);
@@ -157,6 +159,7 @@ std::byte* SharedRecords::event_at(std::uint64_t number) const {
 }
 
 void SharedRecords::take(const Event& event) {
+  for (std::size_t i = 0; i < arms_.size(); ++i) note_removal(event, i, arms_[i].more.removed_by);
   if (event.arm >= arms_.size()) return;
   Arm& arm = arms_[event.arm];
   if (event.kind == EventKind::intervention) arm.more.last_intervention = event.intervention;

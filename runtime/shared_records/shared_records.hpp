@@ -8,26 +8,25 @@
 #include <vector>
 
 #include "core/model/model_terms.hpp"
-#include "core/record/cycle_record.hpp"
+#include "core/record/record_fields.hpp"
 #include "core/types/arm_set.hpp"
-#include "runtime/shared_records/record_fields.hpp"
 #include "runtime/shared_records/run_event.hpp"
 #include "runtime/shared_records/sealed_memory.hpp"
 
 namespace multipanda {
 
 // The newest records and events of a run in memory that other processes map and read
-// (docs/shared_records.md). One thread writes, the one that takes the loop's records: the loop itself does
-// not touch this memory, so nothing that a reader does to it can reach the loop. The writer never waits. A
-// reader copies a record and sees by its number whether it was overwritten meanwhile.
+// (docs/live_input.md). Only the thread that takes the loop's records writes; the loop does not touch this
+// memory, so readers cannot affect it. The writer never waits. A reader copies a record and checks by its
+// number whether it was overwritten meanwhile.
 class SharedRecords {
  public:
   static constexpr std::size_t kRecords = 4096;  // 4 s at 1 kHz
   static constexpr std::size_t kEvents = 2048;
   static constexpr std::size_t kEventBytes = 1024;
 
-  // `frames`: of each arm at the start; changes come as events. `mounts`: per arm, of those that another one
-  // carries; empty: none. Throws std::runtime_error without memory.
+  // `frames`: of each arm at the start; changes come as events. `mounts`: per arm, for arms carried by
+  // another one; empty: none. Throws std::runtime_error if memory is not available.
   SharedRecords(const std::string& scene, const RecordLayout& layout,
                 const std::vector<std::shared_ptr<const ArmModel>>& models,
                 const std::vector<ArmFrames>& frames,
@@ -39,15 +38,15 @@ class SharedRecords {
   // `stopped`: arms until they are resumed.
   void take(const CycleRecord& record, ArmSet stopped);
   void take(const RunEvent& event);
-  void count_lost(std::uint64_t records, std::uint64_t events);  // that the loop dropped
+  void count_lost(std::uint64_t records, std::uint64_t events);  // dropped by the loop
 
   // --- any thread ---
   const SealedMemory& memory() const { return *memory_; }
-  const std::string& table() const { return table_; }  // JSON: the fields, and names behind numbers
+  const std::string& table() const { return table_; }  // JSON: the fields, and names for numbers
   const std::string& hash() const { return hash_; }    // of the table, 16 digits
 
  private:
-  // At the begin of the memory; all numbers little-endian.
+  // At the start of the memory; all numbers little-endian.
   struct Header {
     char magic[8];
     std::uint64_t table_bytes, table_hash, bytes;

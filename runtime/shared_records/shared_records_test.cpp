@@ -3,12 +3,14 @@
 #include <atomic>
 #include <cmath>
 #include <map>
+#include <random>
 #include <sys/mman.h>
 #include <thread>
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
 
+#include "core/testing/drawn_sample.hpp"
 #include "core/testing/test_world.hpp"
 
 namespace multipanda::shared_records_test {
@@ -49,6 +51,10 @@ class Reader {
   std::uint64_t integer(std::uint64_t record, const std::string& name) const {
     EXPECT_NE(type(name), "f8");
     return value<std::uint64_t>(slot(record) + offset(name));
+  }
+  double any(std::uint64_t record, const std::string& name, std::size_t k) const {
+    const std::size_t at = slot(record) + offset(name) + 8 * k;
+    return type(name) == "f8" ? value<double>(at) : static_cast<double>(value<std::int64_t>(at));
   }
   std::string event(std::uint64_t number) const {
     const std::size_t at =
@@ -172,6 +178,35 @@ TEST(SharedRecordsTest, EveryNumberOfARecordIsThere) {
         const double expected = record.outputs[output.offset + k];
         const double found = reader.number(5, name, k);
         EXPECT_TRUE(found == expected || (std::isnan(found) && std::isnan(expected))) << name;
+      }
+    }
+  }
+}
+
+// By the walk over the table of core/record/arm_sample.hpp.
+TEST(SharedRecordsTest, EveryQuantityOfAnArmIsThereAndKnownOrNot) {
+  Fixture fixture;
+  CycleRecord record = fixture.step();
+  std::mt19937_64 random(5);
+  for (std::uint64_t n = 1; n < 3; ++n) {
+    std::vector<test::DrawnSample> drawn;
+    for (ArmSample& arm : record.arms) arm = drawn.emplace_back(test::draw_sample(random, 7, n == 1)).sample;
+    fixture.shared.take(record, {});
+    const Reader& reader = fixture.reader;
+    for (std::size_t a = 0; a < 2; ++a) {
+      const std::string arm = fixture.loop.cycle.layout().arms[a].name + "/";
+      for (const auto& [name, expected] : drawn[a].numbers) {
+        ASSERT_EQ(reader.size(arm + name), expected.size()) << name;
+        const std::string known = drawn[a].known.at(name);
+        EXPECT_EQ(reader.table["known_by"].value(name, "always"), known);
+        for (std::size_t k = 0; k < expected.size(); ++k) {
+          const double found = reader.any(n, arm + name, k);
+          if (std::isnan(found)) {
+            EXPECT_TRUE(n == 2 && known != "always") << name;
+          } else {
+            EXPECT_NEAR(found, expected[k], 1e-14) << name;
+          }
+        }
       }
     }
   }

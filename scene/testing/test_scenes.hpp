@@ -2,9 +2,8 @@
 
 #include <string>
 
-#include "core/controllets/gravity_compensation.hpp"
-#include "core/controllets/hold.hpp"
-#include "core/features/joint_limits.hpp"
+#include "core/controllets/builtins.hpp"
+#include "core/features/builtins.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda {

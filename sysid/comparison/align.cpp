@@ -6,7 +6,7 @@
 
 #include <yaml-cpp/yaml.h>
 
-#include "sysid/identification/filters.hpp"
+#include "sysid/identification/filtered_log.hpp"
 
 namespace multipanda {
 namespace {
@@ -128,7 +128,7 @@ void find_lag(const MeasuredLog& real, const MeasuredLog& sim, const AlignOption
   struct By {
     const char* name;
     const MatrixXd MeasuredLog::*values;
-    double lively;  // smallest standard deviation of the joint that moves most
+    double lively;  // smallest standard deviation that counts as motion, taken from the joint that moves most
   };
   static constexpr By kCandidates[] = {
       {"dq", &MeasuredLog::dq, 0.01}, {"q", &MeasuredLog::q, 0.002}, {"tau", &MeasuredLog::tau, 0.2}};
@@ -143,7 +143,7 @@ void find_lag(const MeasuredLog& real, const MeasuredLog& sim, const AlignOption
     if (found.correlation < kTrusted) {
       pair.aligned_by = "start";
       pair.warnings.push_back(
-          text("the logs differ too much (correlation of %s %.2f at best, expected "
+          text("the logs differ too much (best correlation of %s is %.2f, expected "
                "above %.1f): aligned at their starts; check that they show the same task",
                by.name, found.correlation, kTrusted));
       return;
@@ -151,14 +151,14 @@ void find_lag(const MeasuredLog& real, const MeasuredLog& sim, const AlignOption
     pair.lag_s = kStep * found.lag;
     pair.measured_lag_s = pair.lag_s;
     if (found.at_edge) {
-      pair.warnings.push_back(text(
-          "the lag of %.3f s is the largest that was searched; the true lag may be larger: raise --max-lag",
-          pair.lag_s));
+      pair.warnings.push_back(
+          text("the lag of %.3f s is the largest in the searched range; the true lag may be larger: raise "
+               "--max-lag",
+               pair.lag_s));
     }
     return;
   }
-  pair.warnings.push_back(
-      text("one of the logs shows no motion to align by: both are aligned at their starts"));
+  pair.warnings.push_back("one of the logs contains no motion: both are aligned at their starts");
 }
 
 }  // namespace
@@ -194,7 +194,7 @@ MatrixXd even_series_of(const MeasuredLog& log, const ComparedQuantity& quantity
 AlignedPair align(const MeasuredLog& real, const MeasuredLog& sim, const AlignOptions& options) {
   if (real.joints() != sim.joints()) {
     throw LogRefused(real.source + " has " + std::to_string(real.joints()) + " joints, " + sim.source +
-                     " has " + std::to_string(sim.joints()) + ": they are of different robots");
+                     " has " + std::to_string(sim.joints()) + ": the logs are of different robots");
   }
   AlignedPair pair;
   pair.real_source = real.source;
@@ -229,9 +229,9 @@ AlignedPair align(const MeasuredLog& real, const MeasuredLog& sim, const AlignOp
     MatrixXd in_real = series_of(real, quantity), in_sim = series_of(sim, quantity);
     const bool no_real = in_real.rows() == 0, no_sim = in_sim.rows() == 0;
     if (no_real || no_sim) {
-      series.missing = no_real && no_sim ? "neither log has it"
-                       : no_real         ? "the real log lacks it"
-                                         : "the simulated log lacks it";
+      series.missing = no_real && no_sim ? "missing in both logs"
+                       : no_real         ? "missing in the real log"
+                                         : "missing in the simulated log";
     } else if (options.low_pass_hz > 0) {
       in_real = even_series_of(real, quantity, options.low_pass_hz);
       in_sim = even_series_of(sim, quantity, options.low_pass_hz);

@@ -9,7 +9,7 @@
 
 #include "sysid/measured/measured_log.hpp"
 
-// Puts two logs of one task on one time axis.
+// Aligns two logs of one task in time.
 namespace multipanda {
 
 // A quantity that is compared, per joint or along the three axes of the world.
@@ -27,12 +27,12 @@ const std::vector<ComparedQuantity>& quantities();
 // Series of a quantity in a log (N x axes); no rows if the log does not contain it.
 Eigen::MatrixXd series_of(const MeasuredLog& log, const ComparedQuantity& quantity);
 
-// The same every millisecond from the log's start, filtered (see AlignOptions).
+// The same series every millisecond from the log's start, filtered (see AlignOptions).
 Eigen::MatrixXd even_series_of(const MeasuredLog& log, const ComparedQuantity& quantity, double low_pass_hz);
 
 struct AlignOptions {
   double max_lag_s = 1.0;       // searched in both directions
-  std::optional<double> lag_s;  // used instead of the search
+  std::optional<double> lag_s;  // fixed lag, which replaces the search
   bool trust_timeline = true;   // false: always by cross-correlation
   // Low pass of both series before errors are computed: Butterworth of order 2, forward and backward; 0:
   // none. It removes sensor noise, which no model predicts. The first and last 2 / low_pass_hz of each log
@@ -44,14 +44,14 @@ struct AlignOptions {
 // Real and simulated series every millisecond of the common time, t since the real log's start.
 struct AlignedPair {
   std::string real_source, sim_source;
-  double lag_s = 0;  // applied: the simulation shows at t + lag what the real log shows at t
+  double lag_s = 0;  // applied lag: the simulation at t + lag corresponds to the real log at t
   std::optional<double> measured_lag_s;  // by cross-correlation, also if it is not applied
   double correlation = 0;                // of both logs at this lag, 0 to 1
   std::string aligned_by;  // "dq", "q", "tau"; "timeline", "given", "start" (nothing to align by)
   Eigen::VectorXd t;       // [s] (N)
   struct Series {
     Eigen::MatrixXd real, sim;  // (N x axes); no rows unless both logs have the quantity
-    std::string missing;        // which of the logs lacks it; empty: none
+    std::string missing;        // which of the logs lacks the quantity; empty: neither
   };
   std::vector<Series> series;  // in the order of quantities()
   std::vector<std::string> warnings;

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <filesystem>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -9,7 +11,8 @@
 
 #include "sysid/comparison/align.hpp"
 
-// Distance between a simulation and a measurement, for one arm and all repeats of a task (docs/compare.md).
+// Distance between a simulation and a measurement, for one arm and all repeats of a task
+// (docs/identification.md).
 namespace multipanda {
 
 struct CompareOptions : AlignOptions {
@@ -26,7 +29,7 @@ struct QuantityFigures {
   double paper = 0;               // largest value in the paper; 0: none
 
   bool available() const { return missing.empty(); }
-  // The single figure per quantity that the paper's bars show: RMSE, mean over axes, then over repeats.
+  // The paper's single figure per quantity: RMSE, mean over axes, then over repeats.
   double mean() const;
   double spread() const;   // standard deviation over repeats of the mean over axes; 0 for a single repeat
   double largest() const;  // absolute error on any axis in any repeat
@@ -36,7 +39,7 @@ struct QuantityFigures {
 };
 
 struct Comparison {
-  std::string arm;                          // empty: the logs do not name it
+  std::string arm;                          // empty: unnamed in the logs
   std::vector<QuantityFigures> quantities;  // in the order of quantities()
   struct Pair {
     std::string real, sim;
@@ -71,5 +74,35 @@ std::vector<QuantityChange> change(const Comparison& before, const Comparison& a
 
 nlohmann::ordered_json to_json(const Comparison& comparison);
 nlohmann::ordered_json to_json(const std::vector<QuantityChange>& changes);
+
+// Limits of a comparison, for use in CI. A YAML file:
+//   F_EE: {rmse: 1.7, max: 10}     # rmse: mean over axes and repeats; max: any axis of any repeat
+//   q: {rmse: 0.06, axis: 0.1}     # axis: mean over repeats of the worst axis
+//   lag_s: 0.02                    # of any repeat, in either direction
+//   arms: {left: {tau: {rmse: 1}}} # for one arm, in place of the limits above
+
+struct GateLimit {
+  std::string quantity;  // "F_EE", or "lag_s"
+  std::string figure;    // "rmse", "axis", "max"; empty for lag_s
+  double limit = 0;
+  std::string place;  // "gate.yaml:3"
+};
+
+struct Gate {
+  std::vector<GateLimit> limits;
+  std::map<std::string, std::vector<GateLimit>> of_arm;  // in place of the same limits above
+};
+
+// Throws std::invalid_argument with file and line.
+Gate read_gate(const std::filesystem::path& path);
+
+struct GateResult {
+  GateLimit limit;
+  std::string arm, axis;        // axis that exceeds the limit; may be empty
+  std::optional<double> found;  // none: the logs lack the quantity, which violates the limit
+  bool held = false;
+  std::string text;  // one human-readable sentence
+};
+std::vector<GateResult> check_gate(const Gate& gate, const Comparison& comparison);
 
 }  // namespace multipanda

@@ -4,189 +4,128 @@
 compare_page.py FOLDER
 """
 
-import argparse
 import json
 import pathlib
 import sys
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
 
-import matplotlib.pyplot as plt  # noqa: E402  the path comes first
-import numpy as np  # noqa: E402
+import numpy as np
 
-from report import page, style  # noqa: E402
-from sysid.comparison import plots  # noqa: E402
+from report import page, style
+from sysid.comparison import plots
+from sysid.comparison.plots import number, symbol
 
-
-def save(figure, path):
-    figure.savefig(path, dpi=style.DPI)
-    plt.close(figure)
-    return path
-
-
-def number(name, entry, value):
-    factor, label = plots.unit(name, entry)
-    return f"{page.figures(factor * value)} {label}"
+ALIGNED = {"given": "as given", "start": "starting together", "timeline": "the scenes' timeline"}
 
 
 def table(arm):
-    rows, bad = [], []
-    for name, entry in arm["quantities"].items():
-        what = page.Raw(f"<b>{page.escape(plots.SYMBOL[name])}</b> {page.escape(entry['what'])}")
+    def value(shown):
+        return lambda q: shown(*q) if q[1]["available"] else None
+
+    def mean(name, entry):
         if not entry["available"]:
-            rows.append(
-                [
-                    what,
-                    page.Raw(f'<span class="missing">{page.escape(entry["missing"])}</span>'),
-                    None,
-                    None,
-                    None,
-                    None,
-                ]
-            )
-            continue
-        worst = int(np.argmax(entry["rmse"]))
-        axis = entry["axes"][worst]
-        rows.append(
-            [
-                what,
-                number(name, entry, entry["rmse_mean"])
-                + (
-                    f" ± {page.figures(plots.unit(name, entry)[0] * entry['rmse_spread'], 2)}"
-                    if arm["repeats"] > 1
-                    else ""
-                ),
-                f"{number(name, entry, entry['rmse'][worst])} ({'joint ' if axis.isdigit() else ''}{axis})",
-                number(name, entry, entry["max"]),
-                number(name, entry, entry["noise_floor"]) if entry["noise_floor"] is not None else None,
-                number(name, entry, entry["paper"]) if entry["paper"] else "–",
-            ]
+            return page.Raw(f'<span class="missing">{page.escape(entry["missing"])}</span>')
+        spread = (
+            f" ± {page.figures(plots.unit(name, entry)[0] * entry['rmse_spread'], 2)}" if arm["repeats"] > 1 else ""
         )
-    head = [
-        "",
-        "RMSE, mean over joints or axes",
-        "RMSE of the worst",
-        "largest error",
-        "noise at rest",
-        "largest in the paper",
-    ]
-    return page.table(head, rows, range(1, 6), bad)
+        return number(name, entry, entry["rmse_mean"]) + spread
+
+    def worst(name, entry):
+        k = int(np.argmax(entry["rmse"]))
+        return f"{number(name, entry, entry['rmse'][k])} ({plots.axis_name(entry['axes'][k])})"
+
+    def noise(name, entry):
+        return number(name, entry, entry["noise_floor"]) if entry["noise_floor"] is not None else None
+
+    cells = {
+        "": lambda q: symbol(*q),
+        "RMSE, mean over joints or axes": lambda q: mean(*q),
+        "RMSE of the worst": value(worst),
+        "largest error": value(lambda name, entry: number(name, entry, entry["max"])),
+        "noise at rest": value(noise),
+        "largest in the paper": value(
+            lambda name, entry: number(name, entry, entry["paper"]) if entry["paper"] else "–"
+        ),
+    }
+    return page.columns(arm["quantities"].items(), cells)
 
 
 def by_axis(arm):
     """RMSE of every joint and axis."""
-    parts = []
     for name, entry in arm["quantities"].items():
-        if not entry["available"]:
-            continue
-        factor, label = plots.unit(name, entry)
-        head = [f"{plots.SYMBOL[name]} [{label}]", *entry["axes"]]
-        rows = [
-            ["RMSE", *(page.figures(factor * v) for v in entry["rmse"])],
-            ["largest", *(page.figures(factor * v) for v in entry["max_by_axis"])],
-        ]
-        if entry.get("noise_by_axis"):
-            rows.append(["noise at rest", *(page.figures(factor * v) for v in entry["noise_by_axis"])])
-        parts.append(page.table(head, rows, range(1, len(head))))
-    return page.Raw("".join(parts))
+        if entry["available"]:
+            factor, label = plots.unit(name, entry)
+            rows = {"RMSE": entry["rmse"], "largest": entry["max_by_axis"], "noise at rest": entry.get("noise_by_axis")}
+            head = [f"{plots.SYMBOL[name]} [{label}]", *entry["axes"]]
+            yield page.table(head, [[what, *(page.figures(factor * v) for v in of)] for what, of in rows.items() if of])
 
 
 def alignment(arm):
-    how = {"given": "as given", "start": "starting together", "timeline": "the scenes' timeline"}
+    def milliseconds(key):
+        return lambda pair: None if pair[key] is None else f"{1e3 * pair[key]:.2f} ms"
 
-    def milliseconds(value):
-        return None if value is None else f"{1e3 * value:.2f} ms"
-
-    rows = [
-        [
-            pair["real"],
-            pair["sim"],
-            milliseconds(pair["lag_s"]),
-            how.get(pair["aligned_by"], f"correlation of {pair['aligned_by']}"),
-            milliseconds(pair["measured_lag_s"]),
-            f"{pair['correlation']:.4f}",
-            f"{pair['from_s']:.2f} – {pair['to_s']:.2f} s",
-        ]
-        for pair in arm["pairs"]
+    cells = {
+        "real": lambda pair: pair["real"],
+        "simulated": lambda pair: pair["sim"],
+        "shifted by": milliseconds("lag_s"),
+        "aligned by": lambda pair: ALIGNED.get(pair["aligned_by"], f"correlation of {pair['aligned_by']}"),
+        "lag by correlation": milliseconds("measured_lag_s"),
+        "correlation": lambda pair: f"{pair['correlation']:.4f}",
+        "compared": lambda pair: f"{pair['from_s']:.2f} – {pair['to_s']:.2f} s",
+    }
+    return [
+        page.heading("Alignment"),
+        page.columns(arm["pairs"], cells),
+        "The simulation shows at t + lag what the real log shows at t. It is shifted by the lag before the errors are "
+        "computed. Two runs of one timeline are compared as stamped; their lag by correlation shows how far one arm "
+        "trails the other.",
     ]
-    return page.table(
-        ["real", "simulated", "shifted by", "aligned by", "lag by correlation", "correlation", "compared"],
-        rows,
-        (2, 4, 5),
+
+
+def of_arm(i, arm, series, folder):
+    label = arm["arm"] or "arm"
+    caption = (
+        "RMSE of simulated minus real. Dark: mean over joints or axes, the paper's single figure per quantity. Dashed: "
+        "the largest that the paper reports over its tasks 1 to 5."
     )
-
-
-def gate(results):
-    judged = [g for arm in results["arms"] for g in arm["gate"]]
-    if not judged:
-        return []
-    broken = [g["text"] for g in judged if not g["held"]]
-    return [page.box(broken) if broken else page.box([f"All {len(judged)} limits are held."], fine=True)]
+    if arm.get("low_pass_hz"):
+        caption += f" Both sides filtered at {arm['low_pass_hz']:g} Hz."
+    bars = style.save(plots.bars(arm), folder / f"bars_{label}.png")
+    yield page.image(bars, caption, f"RMSE per quantity of {label}")
+    yield table(arm)
+    yield page.details("Every joint and axis", list(by_axis(arm)))
+    for name, entry in arm["quantities"].items():
+        if f"{i}/{name}/real" in series:
+            t, real, sim = (series[f"{i}/{of}"] for of in ("t", f"{name}/real", f"{name}/sim"))
+            path = style.save(plots.overlay(name, entry, t[:, 0], real, sim), folder / f"{name}_{label}.png")
+            yield page.image(path, f"{entry['what'].capitalize()} of the first repeat, after alignment.")
+    yield alignment(arm)
 
 
 def make(folder):
     results = json.loads((folder / "results.json").read_text(encoding="utf-8"))
-    series = np.load(folder / "series.npz")
-    lags = [pair["measured_lag_s"] or 0.0 for arm in results["arms"] for pair in arm["pairs"]]
-    judged = [g for arm in results["arms"] for g in arm["gate"]]
-    tiles = [
-        (str(len(results["arms"])), "arms", False),
-        (str(results["arms"][0]["repeats"]), "repeats", False),
-        (f"{1e3 * max(lags, key=abs):.1f} ms", "lag of the simulation by correlation, largest", False),
-    ]
-    if judged:
-        held = sum(g["held"] for g in judged)
-        tiles.insert(0, (f"{held} of {len(judged)}", "limits held", held < len(judged)))
-    warnings = list(dict.fromkeys(w for arm in results["arms"] for w in arm["warnings"]))
-    sections = [
-        ("summary", "Summary", [page.tiles(tiles), *gate(results), *([page.box(warnings)] if warnings else [])])
-    ]
-    for i, arm in enumerate(results["arms"]):
-        label = arm["arm"] or "arm"
-        parts = [
-            page.image(
-                save(plots.bars(arm), folder / f"bars_{label}.png"),
-                "RMSE of simulated minus real. Dark: mean over joints or axes, the paper's single figure per quantity. "
-                "Dashed: the largest that the paper reports over its tasks 1 to 5."
-                + (f" Both sides filtered at {arm['low_pass_hz']:g} Hz." if arm.get("low_pass_hz") else ""),
-                f"RMSE per quantity of {label}",
-            ),
-            table(arm),
-        ]
-        parts.append(page.details("Every joint and axis", by_axis(arm)))
-        t = series[f"{i}/t"][:, 0]
-        for name, entry in arm["quantities"].items():
-            if f"{i}/{name}/real" not in series:
-                continue
-            figure = plots.overlay(name, entry, t, series[f"{i}/{name}/real"], series[f"{i}/{name}/sim"])
-            path = save(figure, folder / f"{name}_{label}.png")
-            parts.append(page.image(path, f"{entry['what'].capitalize()} of the first repeat, after alignment."))
-        parts += [
-            page.Raw("<h3>Alignment</h3>"),
-            alignment(arm),
-            page.paragraph(
-                "The simulation shows at t + lag what the real log shows at t. It is shifted by the lag before "
-                "the errors "
-                "are computed. "
-                "Two runs of one timeline are compared as stamped; their lag by correlation shows how far one arm "
-                "trails "
-                "the other."
-            ),
-        ]
-        sections.append((f"arm_{i}", f"Arm {label}" if arm["arm"] else "Arm", parts))
-    text = page.page(
-        "Simulation against measurement", f"{results['real']} (real) and {results['sim']} (simulated).", sections
+    series, arms = np.load(folder / "series.npz"), results["arms"]
+    lags = [pair["measured_lag_s"] or 0.0 for arm in arms for pair in arm["pairs"]]
+    judged = [g for arm in arms for g in arm["gate"]]
+    broken = [g["text"] for g in judged if not g["held"]]
+    held = [f"All {len(judged)} limits are held."] if judged else []
+    limits = f"{len(judged) - len(broken)} of {len(judged)}"
+    summary = (
+        "Summary",
+        page.tiles(
+            *([(limits, "limits held", broken)] if judged else []),
+            (len(arms), "arms"),
+            (arms[0]["repeats"], "repeats"),
+            (f"{1e3 * max(lags, key=abs):.1f} ms", "largest lag of the simulation by correlation"),
+        ),
+        page.box(broken or held, fine=not broken),
+        page.box(list(dict.fromkeys(w for arm in arms for w in arm["warnings"]))),
     )
-    part = folder / "report.html.part"
-    part.write_text(text, encoding="utf-8")
-    part.replace(folder / "report.html")
-
-
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=pathlib.Path)
-    make(parser.parse_args().folder)
+    sections = [(f"Arm {arm['arm']}".strip(), *of_arm(i, arm, series, folder)) for i, arm in enumerate(arms)]
+    lead = f"{results['real']} (real) and {results['sim']} (simulated)."
+    page.write(folder / "report.html", page.page("Simulation against measurement", lead, [summary, *sections]))
 
 
 if __name__ == "__main__":
-    main()
+    page.run(make, __doc__)

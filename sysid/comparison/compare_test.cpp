@@ -204,8 +204,8 @@ TEST(Compare, WhatALogLacksIsNotAvailable) {
   MeasuredLog real = task(0), sim = task(0);
   add_wrench(sim, 1);
   auto result = compared(real, sim);
-  EXPECT_EQ(result.at("F_EE").missing, "the real log lacks it");
-  EXPECT_EQ(result.at("C_err").missing, "neither log has it");
+  EXPECT_EQ(result.at("F_EE").missing, "missing in the real log");
+  EXPECT_EQ(result.at("C_err").missing, "missing in both logs");
   EXPECT_FALSE(to_json(result)["quantities"]["F_EE"]["available"].get<bool>());
   EXPECT_THROW(result.at("force"), std::invalid_argument);
   add_wrench(real, 3);

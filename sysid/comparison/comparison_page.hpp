@@ -8,13 +8,12 @@
 #include <nlohmann/json_fwd.hpp>
 
 #include "sysid/comparison/compare.hpp"
-#include "sysid/comparison/gate.hpp"
 
 namespace multipanda {
 
 struct ComparedArm {
   Comparison comparison;
-  AlignedPair shown;             // the repeat whose series are drawn
+  AlignedPair shown;             // repeat that is drawn
   std::vector<GateResult> gate;  // empty: no limits
 };
 

@@ -1,9 +1,8 @@
-#include "sysid/comparison/gate.hpp"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "logs/testing/test_files.hpp"
+#include "sysid/comparison/compare.hpp"
 #include "sysid/measured/testing/test_logs.hpp"
 
 namespace multipanda::gate_test {
@@ -50,7 +49,7 @@ TEST_F(Gates, PassOrFailWithTheFigureThatDecides) {
 TEST_F(Gates, MissingQuantitiesViolateThem) {
   const auto results = check_gate(gate("F_EE: {rmse: 5}\n"), comparison_);
   EXPECT_FALSE(results[0].held);
-  EXPECT_THAT(results[0].text, HasSubstr("F_EE rmse cannot be judged: neither log has it"));
+  EXPECT_THAT(results[0].text, HasSubstr("F_EE rmse cannot be judged: missing in both logs"));
 }
 
 TEST_F(Gates, AnArmsOwnLimitsReplaceTheCommonOnes) {

@@ -33,7 +33,7 @@ Evolution::Evolution(const Eigen::VectorXd& start, const Eigen::VectorXd& scale,
   C_ = axes_ = Eigen::MatrixXd::Identity(n_, n_);
 }
 
-// Box and Muller, from the generator's own bits: the same numbers with every standard library.
+// Box-Muller from the generator's own bits: the same numbers with every standard library.
 double Evolution::normal() {
   const auto uniform = [&] { return (static_cast<double>(bits_() >> 11) + 0.5) * 0x1p-53; };
   const double r = std::sqrt(-2 * std::log(uniform()));
@@ -79,7 +79,7 @@ void Evolution::tell(const std::vector<double>& values) {
   const auto every =
       static_cast<std::size_t>(std::max(1.0, 1 / ((c_1_ + c_mu_) * static_cast<double>(n_) * 10)));
   if (generation_ % every != 0) return;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(C_);  // of the lower half
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(C_);  // uses the lower half only
   axes_ = solver.eigenvectors();
   deviations_ = solver.eigenvalues().cwiseMax(1e-20).cwiseSqrt();
 }

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include "core/types/statistics.hpp"
 #include "sysid/excitation/evolution.hpp"
 
 namespace multipanda {
@@ -17,8 +18,9 @@ namespace {
 constexpr double kFineStep = 0.001;   // of the final check of the limits [s]
 constexpr double kRandomStep = 0.01;  // of random motions [s]
 constexpr std::size_t kPerPart = 16;  // samples of a period per harmonic
-constexpr double kTighter = 0.98;     // shares during the search, since its samples miss the peaks
-constexpr double kFarther = 0.003;    // [m] distances during the search
+constexpr double kTighter = 0.98;     // scales the limits during the search, whose coarse samples miss the
+                                      // peaks
+constexpr double kFarther = 0.003;    // added to distances during the search [m]
 constexpr double kWeight = 20;        // weight of an excess against the logarithm of the condition number
 constexpr std::size_t kReportEvery = 2000;  // evaluations
 
@@ -35,7 +37,7 @@ bool fits(const std::vector<LimitUse>& uses) {
 }
 
 void scale(ExcitationMotion& motion, double factor) {
-  // About the middle, not the start: the middle is known to be free.
+  // Centered on the middle, which is known to be free.
   Eigen::VectorXd x = coefficients_of(motion);
   const auto n = motion.q_start.size();
   const auto parts = static_cast<Eigen::Index>(motion.parts());
@@ -185,12 +187,9 @@ Excitation optimize_excitation(const RobotDescription& robot, const ExcitationOp
   const auto first = std::min_element(values.begin(), values.end());
   best.motion = drawn[static_cast<std::size_t>(first - values.begin())];
   best.condition = best.random_best = *first;
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2),
-                   values.end());
-  best.random_median = values[values.size() / 2];
-  say(fmt::format(
-      "{} base parameters; of {} random motions the best has condition number {:.1f}, the median one {:.1f}",
-      best.parameters, drawn.size(), best.random_best, best.random_median));
+  best.random_median = median(values);
+  say(fmt::format("{} base parameters; condition numbers of {} random motions: best {:.1f}, median {:.1f}",
+                  best.parameters, drawn.size(), best.random_best, best.random_median));
 
   // Search: logarithm of the condition number, plus what exceeds the (tighter) limits.
   const ExcitationMotion shape = best.motion;

@@ -7,9 +7,9 @@
 #include <string>
 
 #include "sysid/excitation/base_condition.hpp"
-#include "sysid/excitation/motion_limits.hpp"
+#include "sysid/excitation/excitation_motion.hpp"
 
-// Motions that excite an arm's base parameters (docs/excitation.md).
+// Motions that excite the base parameters of an arm (docs/identification.md).
 namespace multipanda {
 
 struct ExcitationOptions {
@@ -20,7 +20,7 @@ struct ExcitationOptions {
   std::uint64_t seed = 1;
   std::size_t random_motions = 100;  // feasible ones; the search starts at the best of them
   std::size_t evaluations = 16000;
-  std::size_t threads = 2;  // affect only the computing time
+  std::size_t threads = 2;  // changes the computing time only
   std::function<void(const std::string& line)> progress;
   const std::atomic<bool>* stop = nullptr;  // true: stop with the best motion so far
 };
@@ -33,9 +33,9 @@ struct Excitation {
   std::size_t parameters = 0, evaluations = 0;  // number of base parameters; motions tried
 };
 
-// Random motions within every limit: about the home configuration, with each joint's swing a random
-// fraction of what its own limits allow, scaled down together if the whole arm would exceed a limit. Throws
-// std::runtime_error if too few of many fit.
+// Random motions within every limit: around the home configuration. Each joint's amplitude is a random
+// fraction of what its limits allow; all are scaled down together if the arm would exceed a limit. Throws
+// std::runtime_error if too few candidates are feasible.
 std::vector<ExcitationMotion> random_motions(const RobotDescription& robot, const ExcitationOptions& options);
 
 // The condition number of the base regressor over one base period at full rate.
@@ -50,12 +50,16 @@ Excitation optimize_excitation(const RobotDescription& robot, const ExcitationOp
 std::string excitation_scene(const Excitation& excitation, const std::string& model, bool hand,
                              const std::string& note);
 
-// Gains of the joint impedance in that scene, as text of its `parameters`. They are soft enough for arms that
-// answer 3 ms late through 30 Hz, including a light last joint, and stiff enough that friction and an unknown
-// payload cause errors of only some hundredths of a radian.
+// Gains of the joint impedance in that scene, as text of its `parameters`. Soft enough for arms with 3 ms
+// delay and 30 Hz torque bandwidth, including a light last joint; stiff enough that friction and an unknown
+// payload cause errors of a few hundredths of a radian.
 std::string excitation_gains(std::size_t joints);
 
-// Start time of the motion in that scene [s]; before it the arm goes to the start.
-inline constexpr double kExcitationBegins = 5;
+// Start time of the motion in that scene [s]; until then the arm moves to the start.
+inline constexpr double kExcitationBegins = 5, kExcitationApproach = 4;
+
+// Timeline events (items of a YAML list): the move to `q`, then the motion.
+std::string reference_event(double at_s, const std::string& controllet, const JointVector& q);
+std::string motion_event(double at_s, const std::string& controllet, const ExcitationMotion& motion);
 
 }  // namespace multipanda

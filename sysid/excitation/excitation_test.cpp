@@ -126,8 +126,8 @@ void expect_within_limits(const RobotDescription& robot, const Excitation& excit
         for (const double sign : {1.0, -1.0}) {
           const Pose X = placed(shape);
           const Vector3 way = X.rotation.transpose() * (sign * Vector3::Unit(axis));
-          const double farthest =
-              sign * (X * shape.shape.support(way))[axis] + shape.shape.radius;  // along the axis' sign
+          // Along the axis' sign.
+          const double farthest = sign * (X * shape.shape.support(way))[axis] + shape.shape.radius;
           least_room = std::min(
               least_room, sign > 0 ? limits.room_max[axis] - farthest : -limits.room_min[axis] - farthest);
         }

@@ -10,7 +10,8 @@
 
 #include <Eigen/Dense>
 
-#include "sysid/identification/commanded_stretches.hpp"
+#include "core/types/statistics.hpp"
+#include "sysid/identification/stretches.hpp"
 
 namespace multipanda {
 namespace {
@@ -105,9 +106,10 @@ class Problem {
   // used because such rows bias the offsets.
   Index leave_out(const MatrixXd& residual) {
     MatrixXd centered = residual;
-    for (Index j = 0; j < joints_; ++j) centered.col(j).array() -= median_of(residual.col(j));
+    const auto count = static_cast<std::size_t>(rows_);
+    for (Index j = 0; j < joints_; ++j) centered.col(j).array() -= median({residual.col(j).data(), count});
     const VectorXd size = centered.rowwise().norm();
-    const double limit = kOutlier * std::max(median_of(size), 1e-6);
+    const double limit = kOutlier * std::max(median({size.data(), count}), 1e-6);
     Index out = 0;
     for (Index k = 0; k < rows_; ++k) {
       const bool keep = size[k] <= limit;
@@ -137,7 +139,8 @@ class Problem {
   MatrixXd friction_, q_, ddq_, weight_;
 };
 
-// The mean over 11 rows about each, so that noise of the measured velocity does not weaken what ddq explains.
+// Mean over the 11 rows around each one: noise of the measured velocity would reduce the explained part
+// of ddq.
 MatrixXd smoothed(const MatrixXd& x) {
   constexpr Index kHalf = 5;
   MatrixXd sums = MatrixXd::Zero(x.rows() + 1, x.cols()), mean(x.rows(), x.cols());
@@ -159,7 +162,8 @@ double added_inertia(const Problem& problem, const VectorXd& residual, Index j) 
   MatrixXd columns(rows, problem.has_friction() ? 4 : 3);
   columns.col(0) = -problem.ddq().col(j);
   columns.col(1).setOnes();
-  // An error of the gravity model changes with q, which in one sine is -ddq: what both explain is nobody's.
+  // An error of the gravity model depends on q, which for a single sine is proportional to -ddq: the part
+  // that both explain is attributed to neither.
   columns.col(2) = problem.q().col(j).array() - problem.q().col(j).mean();
   if (problem.has_friction()) columns.col(3) = -problem.friction().col(j);
   columns = smoothed(columns);
@@ -211,16 +215,16 @@ Actuation best_on_grid(const Problem& problem, const ActuationOptions& options) 
 
 constexpr double kStep = 2e-5;  // step of the differences in both coordinates [s]
 
-// d residual / d coordinate with friction and offset refitted (variable projection, Kaufman's form).
-std::array<MatrixXd, 2> slopes(const Problem& problem, const Eigen::Vector2d& x) {
+// d residual / d coordinate.
+template <typename Residual>
+std::array<MatrixXd, 2> slopes(const Residual& residual_at, const Eigen::Vector2d& x) {
   std::array<MatrixXd, 2> J;
   for (int i = 0; i < 2; ++i) {
     Eigen::Vector2d up = x, down = x;
     up[i] += kStep;
     down[i] = std::max(x[i] - kStep, 0.0);
     J[static_cast<std::size_t>(i)] =
-        (problem.solve(actuation_at(up)).residual - problem.solve(actuation_at(down)).residual) /
-        (up[i] - down[i]);
+        (residual_at(actuation_at(up)) - residual_at(actuation_at(down))) / (up[i] - down[i]);
   }
   return J;
 }
@@ -235,7 +239,8 @@ Actuation refine(const Problem& problem, const Actuation& start, const Actuation
   double cost = problem.solve(actuation_at(x)).cost, damping = 1e-6;
   for (int pass = 0; pass < 40; ++pass) {
     const MatrixXd e = problem.solve(actuation_at(x)).residual;
-    const auto J = slopes(problem, x);
+    // Friction and offset refitted at both ends: variable projection, Kaufman's form.
+    const auto J = slopes([&](const Actuation& at) { return problem.solve(at).residual; }, x);
     Eigen::Matrix2d H;
     Eigen::Vector2d g;
     for (int i = 0; i < 2; ++i) {
@@ -271,14 +276,7 @@ Actuation refine(const Problem& problem, const Actuation& start, const Actuation
 // sums of the score over blocks of kBlock (White 1980; blocks as clusters).
 MatrixXd covariance(const Problem& problem, const Eigen::Vector2d& x, const MatrixXd& e, Index joints) {
   const Index rows = e.rows(), per = problem.has_friction() ? 2 : 1, count = 2 + per * joints;
-  std::array<MatrixXd, 2> J;
-  for (int i = 0; i < 2; ++i) {
-    Eigen::Vector2d up = x, down = x;
-    up[i] += kStep;
-    down[i] = std::max(x[i] - kStep, 0.0);
-    J[static_cast<std::size_t>(i)] =
-        (problem.raw(actuation_at(up)) - problem.raw(actuation_at(down))) / (up[i] - down[i]);
-  }
+  const auto J = slopes([&](const Actuation& at) { return problem.raw(at); }, x);
   const auto block = std::max<Index>(1, static_cast<Index>(std::lround(kBlock / problem.period())));
   MatrixXd H = MatrixXd::Zero(count, count), S = H;
   VectorXd score = VectorXd::Zero(count), row(count);
@@ -418,7 +416,8 @@ ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescrip
   JointVector found, more;
   const ActuationFit fit = fit_once(logs, prior, options, found);
   if (prior.motor_inertia.size() > 0 || found.isZero(0)) return fit;
-  // Again with it, since it delays the torque as a lower bandwidth does, and once more for what that hid.
+  // Again with the motor inertia, which delays the torque as a lower bandwidth does, and once more for what
+  // it masked.
   RobotDescription with = prior;
   with.motor_inertia = found;
   (void)fit_once(logs, with, options, more);

@@ -22,8 +22,8 @@ namespace multipanda {
 struct ActuationOptions {
   double longest_delay = 0.010;                          // [s]
   double lowest_bandwidth = 5, highest_bandwidth = 500;  // [Hz]; above: perfect
-  double settle =
-      0.1;  // start of every unbroken stretch that is not used, since earlier commands are unknown [s]
+  // Unused start of every unbroken stretch, where earlier commands are unknown [s].
+  double settle = 0.1;
 };
 
 // Results. The true value lies within value +- half95 with a probability of 95 %.
@@ -33,7 +33,7 @@ struct ActuationFit {
   JointVector friction_scale,
       friction_scale_half95;  // of the prior's table (n x 1); empty: the prior has no table
   JointVector offset;         // of the torque sensor [N m] (n x 1)
-  JointVector motor_inertia;  // found, not the prior's [kg m^2] (n x 1), 0: no gain; empty: in no joint
+  JointVector motor_inertia;  // in addition to the prior's [kg m^2] (n x 1), 0: no gain; empty: in no joint
   double noise = 0;           // of the torque sensor, white [N m]
   JointVector rms;            // residual [N m] (n x 1)
   std::size_t samples = 0;    // rows used
@@ -51,7 +51,7 @@ ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescrip
 // torque sensor, and the motor inertia if it was found.
 void apply(const ActuationFit& fit, RobotDescription& robot);
 
-// The torque x that the motors make from the commands, per row k as above (N x n); `tau_cmd` has no gaps.
+// Torque x that the motors produce from the commands, per row k as above (N x n); `tau_cmd` has no gaps.
 Eigen::MatrixXd tracked_torque(const Eigen::MatrixXd& tau_cmd, const Actuation& actuation, double period);
 
 }  // namespace multipanda

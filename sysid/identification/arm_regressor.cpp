@@ -8,8 +8,8 @@
 
 #include "sysid/identification/inertial_parameters.hpp"
 
-// As in pinocchio/algorithm/regressor.hpp, whose inline definition takes half a minute to compile,
-// although Pinocchio's library contains it.
+// As in pinocchio/algorithm/regressor.hpp. Its inline definition takes half a minute to compile, although
+// Pinocchio's library contains the function.
 namespace pinocchio {
 template <typename Scalar, int Options, template <typename, int> class Joints, typename Q, typename V,
           typename A>

@@ -8,7 +8,7 @@
 
 #include <fmt/format.h>
 
-#include "support/spelling.hpp"
+#include "common/spelling.hpp"
 #include "sysid/identification/identify.hpp"
 
 namespace multipanda {
@@ -17,8 +17,7 @@ namespace {
 using Kind = FrictionKind;
 using Parts = std::vector<FrictionPart>;
 
-// Differences from the best mean that do not count: a relative one, and one below the resolution
-// of torque sensors.
+// Two means count as equal below a relative difference, or below the resolution of torque sensors.
 constexpr double kAsGood = 0.03;
 constexpr double kUnresolved = 0.003;  // [N m]
 

@@ -24,7 +24,7 @@ Candidates payload_candidates();
 
 std::size_t coefficient_count(const Family& family, std::size_t joints);
 
-// Root mean square of the residuals on the blocks left out, per joint, for every family.
+// RMS of the residuals on the held-out blocks, per joint, for every family.
 struct CrossValidation {
   std::vector<Eigen::VectorXd> rmse;  // per family (n) [N m]
   std::vector<double> mean;           // over joints
@@ -32,9 +32,9 @@ struct CrossValidation {
   Fit fit;  // of the chosen family, all blocks
 };
 
-// Expected root mean square on motion that is not fitted, from the one on blocks left out, `validated`, and
-// the one on the fitted rows, `fitted` (n x 1 each). A fit without a block has only (folds - 1) / folds of
-// the rows; what it adds to the error of the fitted rows falls with their number:
+// Expected RMS residual on other motion, from that on the held-out blocks, `validated`, and that on the
+// fitted rows, `fitted` (n x 1 each). A fit without a block has only (folds - 1) / folds of the rows, and the
+// excess over the error on fitted rows is inversely proportional to their number:
 //   expected^2 = fitted^2 + (folds - 1) / folds (validated^2 - fitted^2)
 Eigen::VectorXd expected_rmse(const Eigen::VectorXd& validated, const Eigen::VectorXd& fitted,
                               std::size_t folds);

@@ -193,7 +193,7 @@ class Newton {
     }
     return out;
   }
-  // A compromise between equal weights and 1 / spread, which overweights joints with little torque.
+  // A compromise between equal weights and 1 / spread, which would overweight joints with little torque.
   void set_weights(const VectorXd& spread) {
     const VectorXd s = spread.cwiseMax(kLeastSpread);
     const double usual = std::exp(s.array().log().mean());

@@ -20,7 +20,7 @@
 // are w_j^2 = 1 / (s_j s), with s_j the spread of the residuals and s its geometric mean, over a few passes.
 namespace multipanda {
 
-// What a candidate model consists of.
+// Definition of a candidate model.
 struct Family {
   std::string name;
   std::vector<std::size_t> parts;  // which of the equations' friction parts
@@ -33,7 +33,7 @@ struct FitProblem {
   Eigen::VectorXd prior;            // theta of every moving link, each inside the cone (10 n)
   std::vector<bool> fixed;          // per link: held at the prior
   Eigen::VectorXd hold;             // of every theta: weight of its squared distance to the prior; empty: 0
-  Theta known = Theta::Zero();      // added to the last link's: hand, tool
+  Theta known = Theta::Zero();      // added to the last link: hand, tool
   double lambda = 3e-3;
   double gain_weight = 1;
   int passes = 4;
@@ -41,14 +41,15 @@ struct FitProblem {
 
 struct Fit {
   Eigen::VectorXd theta;     // (10 n)
-  Eigen::MatrixXd friction;  // amplitudes as the sensor shows them, zero where not in the family (n x parts)
+  Eigen::MatrixXd friction;  // amplitudes as seen by the sensor, zero for parts outside the family (n x
+                             // parts)
   Eigen::Vector2d tilt = Eigen::Vector2d::Zero();  // [rad]
   Eigen::VectorXd gain;                            // k (n)
   Eigen::VectorXd spread;                          // root mean square of the residual (n) [N m]
   int iterations = 0;
 };
 
-// `start`: a fit of similar data, whose weights and values are reused; none: starts from the prior.
+// `start`: a fit of similar data whose weights and values are reused; none: the prior.
 Fit fit_consistent(const Equations& equations, const FitProblem& problem, const Family& family,
                    const Fit* start = nullptr);
 

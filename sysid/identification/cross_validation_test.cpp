@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "sysid/identification/candidates.hpp"
-#include "sysid/identification/repeated_motion.hpp"
+#include "sysid/identification/filtered_log.hpp"
 
 namespace multipanda::cross_validation_test {
 namespace {

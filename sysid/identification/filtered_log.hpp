@@ -9,6 +9,25 @@
 
 namespace multipanda {
 
+// Butterworth low pass of even order, by the bilinear transform with a prewarped cut-off, as second-order
+// sections. Columns are signals, rows samples.
+class LowPass {
+ public:
+  // Throws std::invalid_argument unless the order is even and 0 < cutoff_hz < rate_hz / 2.
+  LowPass(int order, double cutoff_hz, double rate_hz);
+
+  // Filters forward and backward: zero phase, squared gain. Ends are extended by reflection about the end
+  // point, three times the filter's length. The states start as if the first value had always been there.
+  Eigen::MatrixXd zero_phase(const Eigen::MatrixXd& signals) const;
+
+ private:
+  struct Section {
+    double b0, b1, b2, a1, a2;
+  };
+  void run(double* values, Eigen::Index count) const;
+  std::vector<Section> sections_;
+};
+
 // A log after the protocol that every figure of identification uses:
 //   1. every column is interpolated linearly to 1 ms on the stamps;
 //   2. q, dq and tau pass a Butterworth filter of order 4 at 10 Hz, forward and backward;
@@ -35,5 +54,19 @@ Eigen::MatrixXd protocol_filter(const Eigen::MatrixXd& series);
 
 // Throws LogRefused if the log is shorter than `shortest` [s].
 FilteredLog filter_log(const MeasuredLog& log, double shortest);
+
+// Period of a repetitive motion, in kept rows; 0: not repetitive. A held-out block is no test on new motion
+// if another block contains the same motion.
+Eigen::Index repeated_after(const FilteredLog& log);
+
+// A stretch of kept rows, and the block that it belongs to.
+struct BlockRange {
+  std::size_t block = 0;
+  Eigen::Index begin = 0, end = 0;  // kept rows
+};
+
+// The log cut into `blocks` parts by time, or by phase if the motion is repetitive, so that no part contains
+// motion of another one.
+std::vector<BlockRange> block_ranges(const FilteredLog& log, std::size_t blocks);
 
 }  // namespace multipanda

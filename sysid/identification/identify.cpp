@@ -7,11 +7,11 @@
 #include <fmt/format.h>
 
 #include "sysid/identification/arm_regressor.hpp"
+#include "sysid/identification/filtered_log.hpp"
 #include "sysid/identification/identify_parts.hpp"
-#include "sysid/identification/model_torque.hpp"
+#include "sysid/identification/misfit.hpp"
 #include "sysid/identification/mounting.hpp"
-#include "sysid/identification/refusals.hpp"
-#include "sysid/identification/repeated_motion.hpp"
+#include "sysid/identification/predict.hpp"
 
 namespace multipanda {
 namespace {
@@ -79,7 +79,7 @@ void put_friction(const Fit& fit, const std::vector<FrictionPart>& parts, const 
         law.sigmoid = {amplitude, table->p2, table->p3};
         break;
       case FrictionKind::acceleration:
-        break;  // only for comparison: no model has it
+        break;  // only for comparison: not part of the model format
     }
   }
   const bool friction =
@@ -89,8 +89,8 @@ void put_friction(const Fit& fit, const std::vector<FrictionPart>& parts, const 
   robot.torque_sensor = sensor_known ? std::optional(sensor) : std::nullopt;
 }
 
-// Holds the parameters without effect on a level arm's torque at the prior. Otherwise a tilt of a few mrad
-// would let the center of mass of the first link absorb other errors.
+// Holds parameters that do not affect a level arm's torque at the prior. Otherwise, with a tilt of a few
+// mrad, the center of mass of the first link would absorb other errors.
 Eigen::VectorXd held_at_prior(const Eigen::VectorXd& prior, const BaseParameters& base) {
   constexpr double kWeight = 10, kSize = 0.1;  // [-], of a link [m]
   Eigen::VectorXd out = Eigen::VectorXd::Zero(prior.size());
@@ -272,8 +272,8 @@ Identification identify(std::span<const MeasuredLog> logs, const RobotDescriptio
   const Candidates set = candidates(prior.friction.has_value(), options.families, one_base);
   if (!one_base) {
     out.warnings.push_back(
-        "the logs have different bases: tilt is not identified; an error of 0.2 degrees in one of them makes "
-        "about 0.2 N m");
+        "the logs have different bases: tilt is not identified; an error of 0.2 degrees in one of them "
+        "causes about 0.2 N m");
   }
   const EquationSource source{&prior, set.parts, options.gravity_B};
   const std::size_t folds = std::max<std::size_t>(3, options.folds);
@@ -290,6 +290,11 @@ Identification identify(std::span<const MeasuredLog> logs, const RobotDescriptio
                        equations_of(std::span(&log, 1), {&prior, {}, options.gravity_B}, 1).front(), carried,
                        prior);
   }
+  for (const MeasuredLog& log : logs) {
+    const std::string found =
+        misfit(log, prior, {.hand = options.hand, .tool = options.tool, .gravity_B = options.gravity_B});
+    if (!found.empty()) out.warnings.push_back(found);
+  }
   const BaseParameters base = base_parameters(prior, gravities);
   refuse_unexciting(condition_of(all, base.leading), out.warnings);
   for (std::size_t i = 0; i < n; ++i) {
@@ -298,8 +303,7 @@ Identification identify(std::span<const MeasuredLog> logs, const RobotDescriptio
     problem.prior.segment<10>(10 * static_cast<Index>(i)) = theta_of(floored(link, kLeastSecondMoment));
     if (!is_physical(link)) {
       out.warnings.push_back(
-          fmt::format("link{} of {} is not a physically possible body; the prior is the nearest one that "
-                      "is",
+          fmt::format("link{} of {} is not a physically possible body; the prior is the nearest one that is",
                       i + 1, prior.name));
     }
   }
@@ -322,10 +326,12 @@ Identification identify(std::span<const MeasuredLog> logs, const RobotDescriptio
   put_friction(validation.fit, set.parts, family, prior.friction, out.robot);
   out.consistent = std::all_of(out.robot.links.begin() + 1, out.robot.links.end(), &is_physical);
   out.dissipative = !out.robot.link_friction || is_dissipative(*out.robot.link_friction);
-  const std::string note =
-      fmt::format("Identified from {:.1f} s of measured torque ({}), prior {}, family {}.", out.seconds_used,
-                  std::filesystem::path(logs.front().source).filename().string(), prior.name, out.family);
+  const std::string note = fmt::format(
+      "Identified from {:.1f} s of measured torque ({}{}), prior {}, family {}.", out.seconds_used,
+      std::filesystem::path(logs.front().source).filename().string(),
+      logs.size() > 1 ? fmt::format(" and {} more", logs.size() - 1) : "", prior.name, out.family);
   out.robot.origin["inertials"] = note;
+  out.robot.identified_range = IdentifiedRange{out.q_min, out.q_max, out.dq_max};
   out.linear = linear_stage(filtered.logs, set, family, out.robot, options);
   put_predictions(filtered.logs, prior, options, out);
   return out;

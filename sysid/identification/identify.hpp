@@ -27,7 +27,7 @@ struct IdentifyOptions {
   unsigned threads = 2;
 };
 
-// One candidate in the blocked cross-validation, as measured on the blocks left out.
+// Score of one candidate on the held-out blocks.
 struct FamilyScore {
   std::string name;
   std::size_t coefficients = 0;  // in addition to the inertial parameters
@@ -59,7 +59,7 @@ struct ResidualSeries {
 };
 
 struct Identification {
-  RobotDescription robot;            // the prior with what was found; fitted to all data
+  RobotDescription robot;            // the prior with the identified values, fitted to all data
   std::optional<RigidBody> payload;  // in the flange's frame; the last link of `robot` contains it too
   double payload_mass_half95 = 0;    // [kg]
   double payload_com_half95 = 0;     // along the worst axis of the last link [m]
@@ -67,16 +67,17 @@ struct Identification {
   std::string family;               // chosen
   std::vector<FamilyScore> scores;  // simplest first
   std::vector<TimeCut> cuts;        // the chosen family, fitted to a part of every log and tested on the rest
-  JointVector
-      rmse_expected;  // on motion that is not fitted but alike (expected_rmse) [N m] (n x 1); or empty
-  Eigen::VectorXd q_min, q_max, dq_max;  // of the motion: what `rmse_expected` is about [rad, rad/s] (n x 1)
-  std::vector<double> repeated_after;  // per log: period of a motion that repeats itself [s]; 0: it does not
-  JointVector rmse_train;              // of the first cut, on the fitted part [N m] (n x 1)
-  JointVector rmse_heldout;            // of the first cut, on the rest
-  JointVector rmse_all;                // of `robot` on all data that it was fitted to
-  bool consistent = false;             // every moving link has a positive definite pseudo-inertia
-  bool dissipative = false;            // no friction amplitude is negative
-  std::vector<bool> prior_consistent;  // per moving link, of the prior as given
+  // Expected residual on similar motion that is not fitted (expected_rmse) [N m] (n x 1); or empty.
+  JointVector rmse_expected;
+  Eigen::VectorXd q_min, q_max, dq_max;  // ranges of the motion, for which `rmse_expected` holds [rad, rad/s]
+                                         // (n x 1)
+  std::vector<double> repeated_after;    // per log: period of a repetitive motion [s]; 0: not repetitive
+  JointVector rmse_train;                // of the first cut, on the fitted part [N m] (n x 1)
+  JointVector rmse_heldout;              // of the first cut, on the rest
+  JointVector rmse_all;                  // of `robot` on all data that it was fitted to
+  bool consistent = false;               // every moving link has a positive definite pseudo-inertia
+  bool dissipative = false;              // no friction amplitude is negative
+  std::vector<bool> prior_consistent;    // per moving link, of the prior as given
 
   LinearFit linear;  // base parameters and coefficients with intervals
   std::vector<ModelBeside> beside;

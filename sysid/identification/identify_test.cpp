@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 
 #include "sysid/identification/arm_regressor.hpp"
-#include "sysid/identification/friction_columns.hpp"
+#include "sysid/identification/equations.hpp"
 #include "sysid/identification/inertial_parameters.hpp"
 #include "sysid/identification/predict.hpp"
 

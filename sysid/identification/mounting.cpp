@@ -75,19 +75,19 @@ void refuse_unlike(std::span<const MeasuredLog> logs, std::span<const Mounting> 
     };
     if (one.hand != first.hand) {
       refuse(0, one.hand ? "with hand" : "without hand", first.hand ? "with hand" : "without hand",
-             "identify them separately, or say what holds for all with --hand or --no-hand");
+             "identify them separately, or set --hand or --no-hand for all");
     }
     const auto& tool = with_load ? one.tool : one.tool_without_load;
     const auto& other_tool = with_load ? first.tool : first.tool_without_load;
     if (!same(tool, other_tool)) {
       refuse(0, in_words(tool), in_words(other_tool),
-             "identify them separately, or say what holds for all with --tool MASS X Y Z");
+             "identify them separately, or set --tool MASS X Y Z for all");
     }
     if (one.base_told) continue;
     for (std::size_t k = 0; k < logs.size(); ++k) {
       if (!mountings[k].base_told || same_gravity(mountings[k].gravity_B, level)) continue;
       refuse(k, "its base is unknown", in_words(mountings[k]),
-             "tell its base with --base LOG=ROLL,PITCH,YAW [rad], or in a CSV file by a first line "
+             "give its base with --base LOG=ROLL,PITCH,YAW [rad], or in the first line of a CSV file: "
              "'# base_rpy_rad: ROLL PITCH YAW'");
     }
   }

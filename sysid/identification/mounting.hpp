@@ -8,7 +8,7 @@
 
 namespace multipanda {
 
-// The load and mounting of an arm, according to the scene in its log, or to the log itself (base only).
+// Load and mounting of an arm according to the scene in its log, or (base only) to the log itself.
 struct Mounting {
   bool hand = false;
   std::optional<RigidBody> tool;  // tool and declared load of the scene, in the flange's frame
@@ -27,9 +27,9 @@ bool same_gravity(const Vector3& a, const Vector3& b);
 // Base in words: "gravity along (0.00, 0.00, -1.00) of its base".
 std::string in_words(const Mounting& mounting);
 
-// Throws LogRefused if logs cannot be one set of data: with a hand in one and none in another, with different
-// tools, or if some tell a base that is not level and others tell none. `logs` and `mountings` in the same
-// order; `with_load`: which of the mountings' tools counts.
+// Throws LogRefused if logs cannot be combined: with and without hand, with different tools, or if some give
+// a base that is not level and others give none. `logs` and `mountings` in the same order; `with_load`: which
+// of the mountings' tools counts.
 void refuse_unlike(std::span<const MeasuredLog> logs, std::span<const Mounting> mountings, bool with_load);
 
 }  // namespace multipanda

@@ -6,9 +6,8 @@
 #include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
+#include "sysid/identification/equations.hpp"
 #include "sysid/identification/filtered_log.hpp"
-#include "sysid/identification/filters.hpp"
-#include "sysid/identification/friction_columns.hpp"
 #include "sysid/identification/inertial_parameters.hpp"
 
 namespace multipanda::numbers_test {

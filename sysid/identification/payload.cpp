@@ -5,7 +5,6 @@
 
 #include "sysid/identification/arm_regressor.hpp"
 #include "sysid/identification/identify_parts.hpp"
-#include "sysid/identification/refusals.hpp"
 
 // The arm is known and a body at its flange is not. All its ten parameters are identifiable from the last
 // link's regressor. Friction, gains, offsets and tilt of `robot` are subtracted from the torque first.
@@ -14,7 +13,8 @@ namespace {
 
 using Eigen::Index;
 
-constexpr double kLittlePrior = 1e-7;  // holds only what is unidentifiable near the prior's body
+constexpr double kLittlePrior = 1e-7;  // small: affects only parameters that the data do not determine, near
+                                       // the prior's body
 
 // A typical body on a flange.
 RigidBody usual_body() { return {0.5, Vector3(0, 0, 0.05), 0.5 * 2 * 0.05 * 0.05 * Matrix3::Identity()}; }
@@ -83,8 +83,7 @@ Identification identify_payload(std::span<const MeasuredLog> logs, const RobotDe
   out.consistent = is_physical(in_link);
   out.dissipative = true;
   out.robot.origin["inertials"] = fmt::format(
-      "{}, with a body of {:.4f} kg on the flange, identified from {:.1f} s of "
-      "measured torque ({}).",
+      "{}, with a body of {:.4f} kg on the flange, identified from {:.1f} s of measured torque ({}).",
       prior.name, in_link.mass, out.seconds_used,
       std::filesystem::path(logs.front().source).filename().string());
 

@@ -3,9 +3,8 @@
 #include <fmt/format.h>
 
 #include "sysid/identification/arm_regressor.hpp"
-#include "sysid/identification/friction_columns.hpp"
+#include "sysid/identification/equations.hpp"
 #include "sysid/identification/inertial_parameters.hpp"
-#include "sysid/identification/model_torque.hpp"
 
 namespace multipanda {
 namespace {
@@ -42,6 +41,24 @@ Eigen::MatrixXd model_torque(const FilteredLog& log, const RobotDescription& rob
     out.rowwise() += Eigen::RowVectorXd(robot.torque_sensor->offset.transpose());
   }
   return out;
+}
+
+std::string outside_range(const MeasuredLog& log, const RobotDescription& robot) {
+  if (!robot.identified_range) return "";
+  const IdentifiedRange& range = *robot.identified_range;
+  std::string joints;
+  for (Eigen::Index j = 0; j < log.joints(); ++j) {
+    const double below = range.q_min[j] - log.q.col(j).minCoeff(),
+                 above = log.q.col(j).maxCoeff() - range.q_max[j],
+                 faster = log.dq.col(j).cwiseAbs().maxCoeff() - range.dq_max[j];
+    std::string by;
+    if (std::max(below, above) > 0.05) by = fmt::format("{:.2f} rad", std::max(below, above));
+    if (faster > 0.1) by += fmt::format("{}{:.2f} rad/s", by.empty() ? "" : ", ", faster);
+    if (!by.empty()) joints += fmt::format("{}joint {} by {}", joints.empty() ? "" : "; ", j + 1, by);
+  }
+  if (joints.empty()) return "";
+  return fmt::format("{} leaves the motion from which {} was identified, where its error is not known: {}",
+                     log.source, robot.name, joints);
 }
 
 Prediction predict(const MeasuredLog& log, const RobotDescription& robot, const PredictOptions& options) {

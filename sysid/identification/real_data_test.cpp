@@ -73,7 +73,6 @@ TEST_F(RealPanda, is_predicted_better_than_by_published_parameters_with_physical
   // Published parameters on these 7.5 s, computed independently: 0.395 rigid, 0.242 with their friction.
   EXPECT_NEAR(beside(id, "fer"), 0.395, 0.002);
   EXPECT_NEAR(beside(id, "fer with its friction table"), 0.242, 0.003);
-  EXPECT_GT(beside(id, "fer_maker"), 1.0);
   EXPECT_EQ(id.linear.base.rank(), 43);
   EXPECT_LT(id.linear.condition.scaled, 60);
 

@@ -1,12 +1,17 @@
 #include "sysid/identification/rollout_fit.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
+#include <stdexcept>
 
+#include <Eigen/Dense>
+
+#include "core/types/statistics.hpp"
 #include "scene/build.hpp"
 #include "sysid/identification/rollouts.hpp"
-#include "sysid/identification/windows.hpp"
+#include "sysid/identification/stretches.hpp"
 
 namespace multipanda {
 namespace {
@@ -15,18 +20,55 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr std::size_t kBlocks = 4;      // members that share a candidate's windows
-constexpr std::size_t kCandidates = 5;  // at once: a center and two steps of two parameters
+constexpr double kSmallStep = 0.03;  // convergence: steps below this fraction of every standard deviation
+// Step lengths that are tried in parallel, relative to the current damping.
+constexpr std::array kDamping{0.01, 1.0, 100.0, 1e4};
+
+struct Slopes {
+  VectorXd e;  // residual
+  MatrixXd J;  // (rows x p)
+};
+
+Slopes slopes(const BatchLeastSquares& problem, const BatchResiduals& residuals, const VectorXd& x) {
+  const Index p = x.size();
+  MatrixXd candidates = x.replicate(1, 1 + 2 * p);
+  for (Index i = 0; i < p; ++i) {
+    candidates(i, 1 + 2 * i) = std::min(x[i] + problem.step[i], problem.upper[i]);
+    candidates(i, 2 + 2 * i) = std::max(x[i] - problem.step[i], problem.lower[i]);
+  }
+  const std::vector<VectorXd> e = residuals(candidates);
+  for (const VectorXd& column : e) {
+    if (column.size() == 0)
+      throw std::runtime_error("the fit's start cannot be simulated: the state diverges");
+  }
+  Slopes s{.e = e[0], .J = MatrixXd(e[0].size(), p)};
+  for (Index i = 0; i < p; ++i) {
+    const auto up = static_cast<std::size_t>(1 + 2 * i), down = up + 1;
+    s.J.col(i) = (e[up] - e[down]) / (candidates(i, 1 + 2 * i) - candidates(i, 2 + 2 * i));
+  }
+  return s;
+}
+
+MatrixXd covariance(const Slopes& s, Index cluster) {
+  const Index p = s.J.cols();
+  MatrixXd S = MatrixXd::Zero(p, p);
+  Index count = 0;
+  for (Index at = 0; at < s.e.size(); at += cluster, ++count) {
+    const Index rows = std::min(cluster, s.e.size() - at);
+    const VectorXd score = s.J.middleRows(at, rows).transpose() * s.e.segment(at, rows);
+    S += score * score.transpose();
+  }
+  const MatrixXd inverse = (s.J.transpose() * s.J).ldlt().solve(MatrixXd::Identity(p, p));
+  const double n = static_cast<double>(std::max<Index>(count, 2));
+  return n / (n - 1) * inverse * S * inverse;
+}
+
+constexpr std::size_t kBlocks = 4;      // rollouts that share a candidate's windows
+constexpr std::size_t kCandidates = 5;  // in parallel: a center and two steps of two parameters
 constexpr double kLongest = 0.032;      // time constant of 5 Hz [s]
 
 Actuation actuation_at(const VectorXd& x) {
   return {.torque_bandwidth_hz = x[1] > 1e-5 ? 1 / (2 * std::numbers::pi * x[1]) : 0, .command_delay = x[0]};
-}
-
-double median_of(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 // Predicts tau_J, dq and q of every row of every window for candidates of (delay, time constant).
@@ -40,7 +82,7 @@ class Replay {
         friction_(std::move(friction)),
         offset_(start.offset),
         joints_(static_cast<Index>(rollouts_.world().joints)) {
-    for (const auto& log : logs_) periods_.push_back(period_of(log));
+    for (const auto& log : logs_) periods_.push_back(log.period());
     deviation_ = MatrixXd::Ones(3, joints_);
   }
 
@@ -76,7 +118,7 @@ class Replay {
 
   // From now on, residuals of each joint and quantity are weighted by their spread. Those of q and dq drift
   // together within a window, so the spread of their mean over a window counts, as if it were white. Medians
-  // are used so that a window in which the log did something else has little effect.
+  // limit the effect of windows with a disturbance.
   void weigh(const VectorXd& e) {
     const Index length = windows_[0].length, rows = e.size() / (3 * joints_);
     for (Index kind = 0; kind < 3; ++kind) {
@@ -89,7 +131,8 @@ class Replay {
           sums.back() += value / std::sqrt(static_cast<double>(length));
         }
         for (double& sum : sums) sum = std::abs(sum);
-        const double spread = std::max(median_of(each), median_of(sums)) / 0.6745;  // of a normal's magnitude
+        const double spread =
+            std::max(quantile(each, 0.5), quantile(sums, 0.5)) / 0.6745;  // of a normal's magnitude
         deviation_(kind, j) *= std::max(spread, 1e-12);
       }
     }
@@ -136,6 +179,53 @@ std::optional<JointFriction> scaled_friction(const Scene& scene, std::size_t arm
 
 }  // namespace
 
+BatchLeastSquaresResult solve(const BatchLeastSquares& problem, const BatchResiduals& residuals,
+                              const std::function<bool(int, double, const VectorXd&)>& shown) {
+  BatchLeastSquaresResult result{.x = problem.start, .covariance = {}};
+  double damping = 1e-3;
+  const auto rms = [](const VectorXd& e) {
+    return std::sqrt(e.squaredNorm() / static_cast<double>(e.size()));
+  };
+  Slopes here = slopes(problem, residuals, result.x);
+  for (result.passes = 1; result.passes <= problem.passes; ++result.passes) {
+    const MatrixXd H = here.J.transpose() * here.J;
+    const VectorXd g = here.J.transpose() * here.e;
+    MatrixXd tries(result.x.size(), 4);
+    for (int i = 0; i < 4; ++i) {
+      MatrixXd damped = H;
+      damped.diagonal() *= 1 + damping * kDamping[static_cast<std::size_t>(i)];
+      tries.col(i) = (result.x - damped.ldlt().solve(g)).cwiseMax(problem.lower).cwiseMin(problem.upper);
+    }
+    const std::vector<VectorXd> e = residuals(tries);
+    int best = -1;
+    double least = here.e.squaredNorm();
+    for (int i = 0; i < 4; ++i) {
+      const VectorXd& column = e[static_cast<std::size_t>(i)];
+      if (column.size() == 0 || !(column.squaredNorm() < least)) continue;
+      least = column.squaredNorm();
+      best = i;
+    }
+    const VectorXd deviation = covariance(here, problem.cluster).diagonal().cwiseSqrt();
+    if (best < 0) {
+      // Not even a short step reduces the cost: the minimum within the accuracy of the differences.
+      damping *= 1e6;
+      result.converged = damping > 1e3;
+      if ((shown && !shown(result.passes, rms(here.e), result.x)) || result.converged) break;
+      continue;
+    }
+    const VectorXd moved = tries.col(best) - result.x;
+    result.x = tries.col(best);
+    damping = std::max(1e-9, 0.3 * damping * kDamping[static_cast<std::size_t>(best)]);
+    here = slopes(problem, residuals, result.x);
+    result.converged = (moved.cwiseAbs().array() <= kSmallStep * deviation.array()).all();
+    if ((shown && !shown(result.passes, rms(here.e), result.x)) || result.converged) break;
+  }
+  result.passes = std::min(result.passes, problem.passes);
+  result.rms = rms(here.e);
+  result.covariance = covariance(here, problem.cluster);
+  return result;
+}
+
 ActuationRollouts fit_actuation_by_rollouts(std::span<const MeasuredLog> logs, const Scene& scene,
                                             std::size_t arm, const ActuationFit& start,
                                             const RolloutOptions& options) {
@@ -161,7 +251,7 @@ ActuationRollouts fit_actuation_by_rollouts(std::span<const MeasuredLog> logs, c
 
   ActuationRollouts result;
   result.fit.names = {"delay [ms]", "time constant of torque [ms]"};
-  // Twice: weights from a start that is far off reflect its error, not noise and model.
+  // Twice: weights from a poor start reflect its error, not noise and model error.
   BatchLeastSquaresResult solved;
   for (int round = 0; round < 2; ++round) {
     const auto first = replay(problem.start);

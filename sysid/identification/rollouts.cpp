@@ -8,7 +8,7 @@
 #include <mujoco/mjbatch.h>
 
 #include "backends/mujoco/engine_errors.hpp"
-#include "backends/simulated_arm/joint_friction.hpp"
+#include "backends/simulated_arm/friction.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {

@@ -9,7 +9,7 @@
 #include <Eigen/Core>
 
 #include "backends/mujoco/plant.hpp"
-#include "backends/simulated_arm/link_friction.hpp"
+#include "backends/simulated_arm/friction.hpp"
 #include "core/model/model_terms.hpp"
 #include "models/robot_description.hpp"
 

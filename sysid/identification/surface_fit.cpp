@@ -8,7 +8,7 @@
 #include "backends/mujoco/surface_contact.hpp"
 #include "sysid/identification/rollout_fit.hpp"
 #include "sysid/identification/rollouts.hpp"
-#include "sysid/identification/windows.hpp"
+#include "sysid/identification/stretches.hpp"
 
 namespace multipanda {
 namespace {
@@ -22,7 +22,7 @@ constexpr double kLeastForce = 2.0;      // smallest force that counts as contac
 constexpr double kLeastChange = 0.5;     // smallest useful standard deviation of the force [N]
 constexpr double kDistanceNoise = 1e-5;  // unit of the residual [m]
 constexpr double kFar = 0.2;             // distances beyond are not computed [m]
-constexpr Index kMean = 25;              // half the width of moving means, in samples
+constexpr Index kMean = 25;              // half width of moving means [samples]
 
 [[noreturn]] void refuse(const std::string& what) { throw std::invalid_argument(what); }
 
@@ -32,7 +32,7 @@ struct Distance {
   Vector3 point = Vector3::Zero();     // nearest on the tool, world
 };
 
-// The tool shape and the object whose distance is meant.
+// The tool shape and the object whose distance is computed.
 struct Places {
   int tool = -1, surface = -1, body = -1, pair = -1;
   Distance distance(const RolloutMember& member) const {

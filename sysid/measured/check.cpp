@@ -27,7 +27,7 @@ std::string place(const MeasuredLog& log, std::optional<Index> k = std::nullopt)
   return out + ": ";
 }
 
-// The same for warnings, which already belong to a log: "line 12: ".
+// The same for warnings, which are already assigned to a log: "line 12: ".
 std::string spot(const MeasuredLog& log, Index k) {
   if (!log.lines.empty()) return "line " + std::to_string(log.lines[static_cast<std::size_t>(k)]) + ": ";
   return text("t = %.4g s: ", log.t[k]);
@@ -93,20 +93,19 @@ void check_order(MeasuredLog& log) {
   log.lines = std::move(lines);
 }
 
-double median_step(const MeasuredLog& log) {
-  std::vector<double> steps(static_cast<std::size_t>(log.samples() - 1));
-  for (Index k = 1; k < log.samples(); ++k) steps[static_cast<std::size_t>(k - 1)] = log.t[k] - log.t[k - 1];
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-  std::nth_element(steps.begin(), middle, steps.end());
-  return *middle;
+// The unit in which this step is one of 0.5 to 50 ms.
+const char* unit_of(double step) {
+  if (step >= 5e5) return ": is time in nanoseconds? It must be in seconds";
+  if (step >= 500) return ": is time in microseconds? It must be in seconds";
+  return step >= 0.5 ? ": is time in milliseconds? It must be in seconds" : "";
 }
 
 void check_sampling(MeasuredLog& log, double refuse_above_gap_s) {
-  const double step = median_step(log);
+  const double step = log.period();
   if (step > 0.05) {
     throw LogRefused(place(log) +
                      text("samples are %.3g s apart (median), expected about 0.001 s, at most 0.05 s%s", step,
-                          step >= 0.5 ? ": is time in milliseconds? It must be in seconds" : ""));
+                          unit_of(step)));
   }
   if (log.duration() < 0.1) {
     throw LogRefused(place(log) + text("too short: %ld samples, %.3f s, expected at least 0.1 s%s",
@@ -137,15 +136,15 @@ void check_sampling(MeasuredLog& log, double refuse_above_gap_s) {
   }
 }
 
-// Factor from joint j's velocities to the slope of its positions, dq over dq/dt, by least squares on windows
-// of about 50 ms, and how well one explains the other.
+// Factor from joint j's velocities to the slope of its positions (dq over dq/dt), by least squares on windows
+// of about 50 ms, and their correlation.
 struct Slope {
   double ratio = 1, correlation = 1;
 };
 
 Slope slope_of(const MeasuredLog& log, Index j) {
   double dd = 0, di = 0, ii = 0;
-  const Index stride = std::max<Index>(1, static_cast<Index>(0.05 / median_step(log)));
+  const Index stride = std::max<Index>(1, static_cast<Index>(0.05 / log.period()));
   for (Index k = 0; k + stride < log.samples(); k += stride) {
     const double moved = log.q(k + stride, j) - log.q(k, j);
     double integral = 0;
@@ -178,8 +177,7 @@ void check_units(MeasuredLog& log) {
     const double largest = log.q.col(j).cwiseAbs().maxCoeff(&at);
     if (largest > kLargestAngle) {
       throw LogRefused(place(log, at) +
-                       text("q%ld reaches %.4g, more than any arm's joint turns in rad; is it in "
-                            "degrees?",
+                       text("q%ld reaches %.4g, more than any arm's joint turns in rad; is it in degrees?",
                             static_cast<long>(j + 1), log.q(at, j)));
     }
   }
@@ -229,13 +227,13 @@ void check_frozen(MeasuredLog& log, double refuse_above_gap_s) {
   if (log.dq.rows() == 0) return;
   double longest = 0;
   Index at = 0, repeated = 0;
-  for (Index k = 1, begin = 0; k < log.samples(); ++k) {
-    const bool same = log.q.row(k) == log.q.row(k - 1) && log.dq.row(k) == log.dq.row(k - 1) &&
-                      log.dq.row(k).cwiseAbs().maxCoeff() > 0.02;
-    if (!same)
-      begin = k;
-    else
-      ++repeated;
+  for (Index k = 1, begin = 0, held = 0; k < log.samples(); ++k) {
+    const bool equal = log.q.row(k) == log.q.row(k - 1) && log.dq.row(k) == log.dq.row(k - 1);
+    const bool same = equal && log.dq.row(k).cwiseAbs().maxCoeff() > 0.02;
+    // At rest, too, no sensor gives the same numbers twice; a simulation without noise does, for long.
+    if (!equal || (log.tau.rows() > 0 && log.tau.row(k) != log.tau.row(k - 1))) held = k;
+    if (same || (held < k && log.t[k] - log.t[held] < 0.02)) ++repeated;
+    if (!same) begin = k;
     if (same && log.t[k] - log.t[begin] > longest) longest = log.t[k] - log.t[begin], at = begin;
   }
   if (longest > refuse_above_gap_s) {
@@ -263,12 +261,12 @@ void check_measured(MeasuredLog& log, double refuse_above_gap_s) {
   check_finite(log);
   check_order(log);
   check_sampling(log, refuse_above_gap_s);
-  check_frozen(log, refuse_above_gap_s);  // before the slopes: a frozen column has no slope to judge
+  check_frozen(log, refuse_above_gap_s);  // before the slopes, which a frozen column does not have
   check_units(log);
 }
 
 void check_robot(MeasuredLog& log, const RobotRanges& ranges) {
-  constexpr double kSlack = 0.1;  // [rad] encoders and stops
+  constexpr double kSlack = 0.1;  // tolerance for encoders and stops [rad]
   const auto n = std::max({ranges.q_min.size(), ranges.dq_max.size(), ranges.tau_max.size()});
   if (n != log.joints()) {
     throw LogRefused(place(log) + std::to_string(log.joints()) + " joints, expected " + std::to_string(n) +

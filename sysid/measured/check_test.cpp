@@ -52,7 +52,8 @@ INSTANTIATE_TEST_SUITE_P(
                [](MeasuredLog& l) { l = swinging_log(0.049); },
                {"too short: 50 samples, 0.049 s", "log_size"}},
         Damage{"milliseconds", [](MeasuredLog& l) { l.t *= 1000; }, {"1 s apart", "milliseconds"}},
-        Damage{"microseconds", [](MeasuredLog& l) { l.t *= 1e6; }, {"milliseconds"}},
+        Damage{"microseconds", [](MeasuredLog& l) { l.t *= 1e6; }, {"1e+03 s apart", "microseconds"}},
+        Damage{"nanoseconds", [](MeasuredLog& l) { l.t *= 1e9; }, {"1e+06 s apart", "nanoseconds"}},
         Damage{"kiloseconds", [](MeasuredLog& l) { l.t *= 0.1; }, {"dq1 is 0.1 times"}},
         Damage{"q_in_degrees", [](MeasuredLog& l) { l.q *= kDegrees; }, {"q1 reaches 17.", "degrees"}},
         Damage{"small_q_in_degrees",
@@ -89,6 +90,19 @@ TEST(OddData, GivesWarnings) {
   EXPECT_THAT(warning([](MeasuredLog& l) { l.t.tail(1000).array() += 0.03; }), HasSubstr("longest 31 ms"));
   EXPECT_THAT(warning([](MeasuredLog& l) { l.dq.col(3) *= 1.08; }), HasSubstr("dq4 is 1.08 times"));
   EXPECT_THAT(warning([](MeasuredLog& l) { l = swinging_log(3.0, 7, 0.01); }), HasSubstr("every 10 ms"));
+  // A recorder at 1 kHz that holds rows of 500 Hz, of an arm that hardly moves.
+  EXPECT_THAT(warning([](MeasuredLog& l) {
+                for (Eigen::MatrixXd* values : {&l.q, &l.dq, &l.tau}) {
+                  *values *= 1e-3;
+                  for (Eigen::Index k = 1; k < l.samples(); k += 2) values->row(k) = values->row(k - 1);
+                }
+              }),
+              HasSubstr("50 % of the samples repeat the one before"));
+  EXPECT_EQ(warning([](MeasuredLog& l) {
+              for (Eigen::MatrixXd* values : {&l.q, &l.dq, &l.tau}) *values *= 0;
+            }),
+            "")
+      << "a simulation at rest";
   EXPECT_THAT(warning([](MeasuredLog& l) { l.t[700] = l.t[699]; }),
               HasSubstr("1 samples have the same time"));
 }

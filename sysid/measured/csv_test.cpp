@@ -62,22 +62,19 @@ TEST_F(CsvLogs, PlainColumnsAreRecognizedForAnyNumberOfJoints) {
 // Names of `multipanda export --csv`, and those that it wrote before names had units.
 TEST_F(CsvLogs, ReadsExportedTables) {
   const MeasuredLog truth = swinging_log(0.3, 2);
-  const std::string values = "t_s,cycle,q_1_rad,q_2_rad,dq_1_rad_per_s,dq_2_rad_per_s,tau_j_1_nm,tau_j_2_nm";
-  for (const std::string& names : {values, std::string("t,cycle,q_0,q_1,dq_0,dq_1,tau_j_0,tau_j_1")}) {
-    std::ostringstream file;
-    file.precision(17);
-    file << names;
-    for (Eigen::Index k = 0; k < truth.samples(); ++k) {
-      file << '\n' << truth.t[k] << ',' << k;
-      for (const auto* matrix : {&truth.q, &truth.dq, &truth.tau})
-        file << ',' << (*matrix)(k, 0) << ',' << (*matrix)(k, 1);
-    }
-    const auto log = read_measured(put("table.csv", file.str() + "\n")).at(0);
-    EXPECT_EQ(log.t, truth.t);
-    EXPECT_EQ(log.q, truth.q);
-    EXPECT_EQ(log.dq, truth.dq);
-    EXPECT_EQ(log.tau, truth.tau);
+  std::ostringstream file;
+  file.precision(17);
+  file << "t_s,cycle,q_1_rad,q_2_rad,dq_1_rad_per_s,dq_2_rad_per_s,tau_j_1_nm,tau_j_2_nm";
+  for (Eigen::Index k = 0; k < truth.samples(); ++k) {
+    file << '\n' << truth.t[k] << ',' << k;
+    for (const auto* matrix : {&truth.q, &truth.dq, &truth.tau})
+      file << ',' << (*matrix)(k, 0) << ',' << (*matrix)(k, 1);
   }
+  const auto log = read_measured(put("table.csv", file.str() + "\n")).at(0);
+  EXPECT_EQ(log.t, truth.t);
+  EXPECT_EQ(log.q, truth.q);
+  EXPECT_EQ(log.dq, truth.dq);
+  EXPECT_EQ(log.tau, truth.tau);
 }
 
 // As franka::logToCSV writes it: time in ms, names with indices, blanks after some commas.
@@ -222,6 +219,12 @@ TEST_F(CsvLogs, RepeatsAreFoundInTheOrderOfTheirNumbers) {
   EXPECT_THAT(find_repeats(folder_ / "run_3"), testing::ElementsAre(folder_ / "run_3"));
   std::filesystem::create_directories(folder_ / "empty");
   EXPECT_THROW(find_repeats(folder_ / "empty"), LogRefused);
+}
+
+TEST_F(CsvLogs, OtherKindsOfFilesAreRefusedWithTheWayToReadThem) {
+  EXPECT_THAT(refusal(put("run.npz", "x")),
+              AllOf(HasSubstr("run.npz: expected .mcap"), HasSubstr("savetxt")));
+  EXPECT_THAT(refusal(put("bag_0.db3", "x")), AllOf(HasSubstr("bag_0.db3"), HasSubstr("ros2 bag convert")));
 }
 
 // The recorded file of a real arm, if it is available.

@@ -172,5 +172,20 @@ TEST_F(OurLogs, ACsvIsCompletedFromAScene) {
   EXPECT_THROW(complete_from_scene(csv, ours.scene_text, "", "right"), std::invalid_argument);
 }
 
+// A recording of a real arm by ros2 bag, and the same numbers as a table, if they are available.
+TEST(RealLog, ARosbagOfJointStatesIsReadLikeItsTable) {
+  const std::filesystem::path data = std::filesystem::path(MULTIPANDA_SOURCE_DIR) / "../shared/data";
+  if (!std::filesystem::exists(data / "panda_bag_first_13s.mcap")) GTEST_SKIP() << "no recording in " << data;
+  const auto bag = read_measured(data / "panda_bag_first_13s.mcap").at(0),
+             table = read_measured(data / "panda_bag_first_13s.csv").at(0);
+  EXPECT_EQ(bag.arm, "fer");
+  ASSERT_EQ(bag.samples(), 400);
+  ASSERT_EQ(table.samples(), 400);
+  EXPECT_LT((bag.t - table.t).cwiseAbs().maxCoeff(), 1e-7);  // the table has nine digits
+  EXPECT_LT((bag.q - table.q).cwiseAbs().maxCoeff(), 1e-8);
+  EXPECT_LT((bag.dq - table.dq).cwiseAbs().maxCoeff(), 1e-8);
+  EXPECT_LT((bag.tau - table.tau).cwiseAbs().maxCoeff(), 1e-6);
+}
+
 }  // namespace
 }  // namespace multipanda::mcap_test

@@ -5,8 +5,7 @@
 
 #include <yaml-cpp/yaml.h>
 
-#include "sysid/measured/read_csv.hpp"
-#include "sysid/measured/read_mcap.hpp"
+#include "core/types/statistics.hpp"
 
 namespace multipanda {
 namespace {
@@ -43,6 +42,12 @@ bool before(const fs::path& a, const fs::path& b) {
 
 }  // namespace
 
+double MeasuredLog::period() const {
+  if (samples() < 2) return 0;
+  const Eigen::VectorXd steps = t.tail(samples() - 1) - t.head(samples() - 1);
+  return median({steps.data(), static_cast<std::size_t>(steps.size())});
+}
+
 Eigen::MatrixXd MeasuredLog::control_error() const {
   if (tau.rows() == 0 || tau_d.rows() == 0 || gravity.rows() == 0) return {};
   return tau_d - (tau - gravity);
@@ -52,6 +57,14 @@ std::vector<MeasuredLog> read_measured(const fs::path& given, const MeasuredLogO
   const fs::path path = fs::is_directory(given) ? given / "log.mcap" : given;
   if (!fs::is_regular_file(path)) {
     throw LogRefused(path.string() + ": no such file; expected a log (.mcap, .csv) or the folder of a run");
+  }
+  if (const auto kind = path.extension();
+      kind == ".npz" || kind == ".npy" || kind == ".db3" || kind == ".bag") {
+    const bool bag = kind == ".db3" || kind == ".bag";
+    throw LogRefused(
+        path.string() + ": expected .mcap or .csv; " +
+        (bag ? "convert it with `ros2 bag convert` to storage mcap, uncompressed"
+             : "write a CSV with numpy.savetxt: t, q1.., dq1.., tau1.. (comments='', header=names)"));
   }
   std::vector<MeasuredLog> logs;
   if (path.extension() == ".mcap") {

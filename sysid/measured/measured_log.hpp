@@ -25,21 +25,22 @@ struct MeasuredLog {
   Eigen::MatrixXd gravity;  // of the arm's own model [N m] (N x n)
   Eigen::MatrixXd x_EE;     // position of the end effector in the world [m] (N x 3)
   Eigen::MatrixXd quat_EE;  // orientation in the world, w x y z (N x 4)
-  Eigen::MatrixXd F_EE;     // estimated wrench, of the arm on its environment, world axes [N, N m] (N x 6)
+  Eigen::MatrixXd F_EE;     // estimated wrench of the arm on its environment, F_K_W [N, N m] (N x 6)
   Eigen::MatrixXd F_true;   // the same from the simulation's contacts (N x 6)
-  // Gravity in the arm's base [m/s^2], which says how it is mounted; none: the log does not say.
+  // Gravity in the arm's base [m/s^2], which gives its mounting; none: unknown.
   std::optional<Eigen::Vector3d> gravity_B;
   std::string scene_text;             // scene of the run; empty: unknown
   bool base_moves = false;            // an arm of the scene stands on another one: no pose, no gravity
   std::string scene_path;             // path of the scene; relative paths in the scene start at its folder
   std::vector<std::size_t> lines;     // of a CSV file: the line of each sample; otherwise empty
-  std::vector<std::string> warnings;  // what is unusual but does not prevent use, with numbers
+  std::vector<std::string> warnings;  // unusual findings that do not prevent use, with numbers
 
   Eigen::Index samples() const { return t.size(); }
   Eigen::Index joints() const { return q.cols(); }
   // Control error tau_d - (tau - gravity) [N m] (N x n); no rows if a part is missing.
   Eigen::MatrixXd control_error() const;
   double duration() const { return samples() > 1 ? t[samples() - 1] - t[0] : 0.0; }
+  double period() const;  // median step of the stamps, 0 without [s]
 };
 
 // A log that cannot be used. what() has file, line or time, what was found, what was expected and what to do.
@@ -61,9 +62,9 @@ struct MeasuredLogOptions {
 
 // Reads log.mcap (or the folder of a run that has one), CSV with columns t, q1.., dq1.., tau1.., tables of
 // `export --csv`, or CSV of libfranka (franka::logToCSV). A line "# base_rpy_rad: R P Y" before the names of
-// a CSV file tells the base in the world. One entry per arm. For MCAP logs x_EE, quat_EE and
-// gravity are computed at every sample from the scene in the log. Throws LogRefused, and
-// std::invalid_argument for an unknown arm.
+// a CSV file gives the base in the world. One entry per arm. For MCAP logs x_EE, quat_EE and gravity are
+// computed at every sample from the scene in the log. Throws LogRefused, and std::invalid_argument for an
+// unknown arm.
 std::vector<MeasuredLog> read_measured(const std::filesystem::path& path,
                                        const MeasuredLogOptions& options = {});
 
@@ -93,5 +94,12 @@ void check_robot(MeasuredLog& log, const RobotRanges& ranges);
 // number of joints, or a scene that cannot be rebuilt.
 void complete_from_scene(MeasuredLog& log, const std::string& scene_text, const std::string& scene_path,
                          const std::string& arm);
+
+// One arm from a CSV file, unchecked. Throws LogRefused.
+MeasuredLog read_csv(const std::filesystem::path& path, const MeasuredLogOptions& options);
+
+// All arms (or options.arm) of one of our logs, unchecked, completed from the scene in it. Throws LogRefused,
+// and std::invalid_argument for an unknown arm.
+std::vector<MeasuredLog> read_mcap(const std::filesystem::path& path, const MeasuredLogOptions& options);
 
 }  // namespace multipanda

@@ -4,7 +4,6 @@
 
 #include "core/model/model_terms.hpp"
 #include "scene/build.hpp"
-#include "scene/carried_arms.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda {

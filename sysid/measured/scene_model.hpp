@@ -10,7 +10,7 @@
 
 namespace multipanda {
 
-// Rebuilds the scene of a log. Throws std::runtime_error or ConfigError saying why it cannot.
+// Rebuilds the scene of a log. Throws std::runtime_error or ConfigError with the reason.
 Scene rebuild_scene(const std::string& text, const std::string& path);
 
 // Frames, tool and load of an arm from one sample on.

@@ -1,5 +1,3 @@
-#include "sysid/refine/arm_model.hpp"
-
 #include <algorithm>
 #include <limits>
 
@@ -8,6 +6,7 @@
 #include "models/write_robot.hpp"
 #include "sysid/identification/actuation.hpp"
 #include "sysid/identification/identify.hpp"
+#include "sysid/refine/refine.hpp"
 
 namespace multipanda {
 namespace {
@@ -20,7 +19,7 @@ Json list(const Eigen::VectorXd& values) {
   return json;
 }
 
-// A gain this small from further coefficients may come from noise. In the next simulation it would return as
+// A gain this small from further coefficients may be noise. In the next simulation it would reappear as
 // offsets that the masses compensate. Candidates are ordered, simplest first.
 constexpr double kAsGood = 1.15;     // times the best RMSE in cross-validation; or
 constexpr double kNoiseShare = 0.1;  // plus this fraction of the torque sensor's noise

@@ -1,20 +1,107 @@
 #include "sysid/refine/arm_runs.hpp"
 
 #include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
 #include <fstream>
 #include <mutex>
 #include <stdexcept>
+#include <string>
 #include <thread>
+#include <unistd.h>
+#include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
+#include "common/child_process.hpp"
 #include "runtime/session.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
-#include "sysid/refine/arm_process.hpp"
 
 namespace multipanda {
 namespace {
+
+// `multipanda virtual-arm SCENE --hidden SEED` alongside this process: arms with hidden properties drawn from
+// a seed. They run in lock-step; the world is paused while no arm moves.
+class ArmProcess {
+ public:
+  struct Options {
+    std::filesystem::path program;  // multipanda itself
+    std::filesystem::path scene;
+    std::uint64_t hidden = 1;                                    // seed of the plants
+    bool motors = false;                                         // RefineTarget::motors
+    std::vector<std::pair<std::string, std::string>> addresses;  // arm, loopback address
+    std::filesystem::path messages;                              // file for its messages
+  };
+  // Returns when all arms listen. Throws std::runtime_error with the messages of the process.
+  explicit ArmProcess(const Options& options);
+  ~ArmProcess();
+
+ private:
+  static std::vector<std::string> arguments(const Options& options);
+
+  ChildProcess process_;
+};
+
+using std::chrono::steady_clock;
+
+constexpr std::chrono::seconds kPatience{20};  // to read the scene, build the world and listen
+
+// One loopback address per arm, 127.x.y.z with x above 0. Addresses differ between calls of this process and
+// most likely from those of other processes.
+std::vector<std::string> free_addresses(std::size_t count) {
+  static std::atomic<unsigned> next{0};
+  const auto process = static_cast<unsigned>(getpid());
+  std::vector<std::string> addresses;
+  for (std::size_t i = 0; i < count; ++i) {
+    const unsigned number = next.fetch_add(1);
+    addresses.push_back("127." + std::to_string(1 + (process + number / 250) % 250) + "." +
+                        std::to_string((process / 250) % 250) + "." + std::to_string(1 + number % 250));
+  }
+  return addresses;
+}
+
+ArmProcess::ArmProcess(const Options& options)
+    : process_({.program = options.program,
+                .arguments = arguments(options),
+                .output = std::filesystem::path(options.messages).concat(".json"),
+                .errors = options.messages}) {
+  const auto until = steady_clock::now() + kPatience;
+  while (process_.output().find("\"listening\"") == std::string::npos) {
+    const bool ended = !process_.running();
+    if (ended || steady_clock::now() > until) {
+      throw std::runtime_error("the virtual arms of " + options.scene.string() +
+                               (ended ? " ended before they were ready: " : " do not listen: ") +
+                               process_.errors());
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+}
+
+ArmProcess::~ArmProcess() { process_.stop(std::chrono::seconds(3)); }
+
+std::vector<std::string> ArmProcess::arguments(const Options& options) {
+  std::vector<std::string> all{"virtual-arm",
+                               options.scene.string(),
+                               "--hidden",
+                               std::to_string(options.hidden),
+                               "--pace",
+                               "lockstep",
+                               "--idle-stands-still",
+                               "--no-gripper",
+                               "--json"};
+  if (options.motors) {
+    all.insert(all.end(),
+               {"--rotor-hidden", "0.5", "--transmission-stiffness", "10000", "--gear-ripple", "0.2"});
+  } else {
+    all.insert(all.end(), {"--rotor-hidden", "1"});
+  }
+  for (const auto& [arm, address] : options.addresses) all.insert(all.end(), {"--bind", arm + "=" + address});
+  return all;
+}
 
 namespace fs = std::filesystem;
 
@@ -94,6 +181,7 @@ class Runner {
       options.backend = {.kind = BackendKind::fci, .addresses = target.addresses};
       options.paced = true;
     } else if (run.on_target) {
+      scene.plant.rotor_hidden = 1;  // as its nominal simulation
       for (auto& arm : scene.arms) {
         if (const auto known = target.known.find(arm.name); known != target.known.end()) {
           arm.plant_model = known->second;

@@ -8,60 +8,22 @@
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
 
-#include "config_file/text.hpp"
+#include "common/text.hpp"
 #include "experiments/experiment.hpp"
-#include "experiments/yaml_tree.hpp"
 #include "models/robot_description.hpp"
 #include "scene/load.hpp"
+#include "scene/rewrite.hpp"
 #include "sysid/excitation/excitation.hpp"
 
 namespace multipanda {
 namespace {
 
 constexpr double kNear = 2.2;  // bases closer than this may collide: twice an arm's reach plus a margin [m]
-constexpr double kApproach = 4.0;     // to the start [s]
 constexpr double kRangeMargin = 0.1;  // from the ends of joint 1's range [rad]
-constexpr double kTurnMissing = 0.4;  // largest difference from turning away completely [rad]
+constexpr double kTurnMissing = 0.4;  // largest difference from facing away completely [rad]
 constexpr double kPause = 1.0;        // at rest before and after a motion [s]
 
-template <typename Values>
-YAML::Node list_of(const Values& values, std::size_t count) {
-  YAML::Node node(YAML::NodeType::Sequence);
-  for (std::size_t i = 0; i < count; ++i) node.push_back(number_text(values[i]));
-  node.SetStyle(YAML::EmitterStyle::Flow);
-  return node;
-}
-
-YAML::Node reference_event(double at, const std::string& controllet, const JointVector& q) {
-  YAML::Node event;
-  event["at_s"] = number_text(at);
-  event["reference"]["controllet"] = controllet;
-  event["reference"]["input"] = "joints";
-  event["reference"]["q_rad"] = list_of(q.data(), static_cast<std::size_t>(q.size()));
-  event["reference"]["duration_s"] = number_text(kApproach);
-  return event;
-}
-
-YAML::Node motion_event(double at, const std::string& controllet, const Harmonic& series,
-                        std::size_t joints) {
-  YAML::Node event, motion;
-  motion["controllet"] = controllet;
-  motion["input"] = "joints";
-  motion["period_s"] = number_text(series.period_s);
-  motion["cycles"] = number_text(series.cycles);
-  motion["ramp_s"] = number_text(series.ramp_s);
-  motion["sine"] = list_of(series.sine, joints);
-  motion["rise"] = list_of(series.rise, joints);
-  for (std::size_t k = 0; k < series.harmonic_count; ++k) {
-    YAML::Node part;
-    part["sine"] = list_of(series.harmonics[k].sine, joints);
-    part["rise"] = list_of(series.harmonics[k].rise, joints);
-    motion["overtones"].push_back(part);
-  }
-  event["at_s"] = number_text(at);
-  event["motion"] = motion;
-  return event;
-}
+void add(YAML::Node timeline, const std::string& event) { timeline.push_back(YAML::Load(event)[0]); }
 
 // The scene's arms with one joint impedance each; floors stay.
 YAML::Node bare_scene(const Scene& scene, const std::string& name, double max_speed) {
@@ -121,8 +83,7 @@ double turn_within_range(double turn, const ExcitationMotion& motion, const Robo
   if (least > most || std::abs(possible - turn) > kTurnMissing) {
     throw std::invalid_argument(
         fmt::format("arm '{}' must turn by {:.2f} rad to face away from the neighboring arms; joint 1 and "
-                    "the excitation allow "
-                    "{:.2f} to {:.2f}; excite each arm separately, with its own scene",
+                    "the excitation allow {:.2f} to {:.2f}; excite each arm separately, with its own scene",
                     arm, turn, least, most));
   }
   return possible;
@@ -131,13 +92,12 @@ double turn_within_range(double turn, const ExcitationMotion& motion, const Robo
 }  // namespace
 
 std::string excitation_path(const std::string& model) {
-  const std::string name = model.starts_with("fer") ? "fer" : model;  // fer_maker: the same arm
-  const auto path = std::filesystem::path(experiments_folder()) / "scenes" / ("excitation_" + name + ".yaml");
+  const auto path =
+      std::filesystem::path(experiments_folder()) / "scenes" / ("excitation_" + model + ".yaml");
   if (!std::filesystem::exists(path)) {
     throw std::invalid_argument(
-        fmt::format("there is no excitation for the model '{0}'; make one with `multipanda excite {0}` "
-                    "and name it with "
-                    "--excitation",
+        fmt::format("there is no excitation for the model '{0}'; make one with `multipanda excite {0}` and "
+                    "pass it with --excitation",
                     model));
   }
   return path.string();
@@ -165,9 +125,9 @@ ExcitationFile read_excitation(const std::string& path, const Registry& registry
     file.max_speed = std::ceil(10 * file.max_speed) / 10;
     return file;
   }
-  throw std::invalid_argument(path +
-                              " has no motion of all joints of its first arm; expected a scene as "
-                              "`multipanda excite` writes it");
+  throw std::invalid_argument(
+      path +
+      " has no motion of all joints of its first arm; expected a scene written by `multipanda excite`");
 }
 
 ExcitationRun excitation_run(const Scene& scene, const std::vector<ExcitationFile>& excitations,
@@ -177,7 +137,7 @@ ExcitationRun excitation_run(const Scene& scene, const std::vector<ExcitationFil
   YAML::Node root = bare_scene(scene, "excitation", max_speed);
   root["seed"] = std::to_string(seed);
   ExcitationRun run;
-  double t = 0.1 + kApproach;
+  double t = 0.1 + kExcitationApproach;
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
     const SceneArm& arm = scene.arms[i];
     JointVector q = excitations[i].motion.q_start;
@@ -187,11 +147,10 @@ ExcitationRun excitation_run(const Scene& scene, const std::vector<ExcitationFil
     }
     const double duration = excitations[i].motion.duration();
     q[0] += turn_within_range(turn_away(scene, i), excitations[i].motion, robots[i], arm.name);
-    root["arms"][i]["start_rad"] = list_of(q.data(), static_cast<std::size_t>(q.size()));
-    root["timeline"].push_back(reference_event(0.1, arm.name + "_joints", q));
+    root["arms"][i]["start_rad"] = YAML::Load(list_text({q.begin(), q.end()}));
+    add(root["timeline"], reference_event(0.1, arm.name + "_joints", q));
     t += kPause;
-    root["timeline"].push_back(motion_event(t, arm.name + "_joints", excitations[i].motion.series,
-                                            static_cast<std::size_t>(q.size())));
+    add(root["timeline"], motion_event(t, arm.name + "_joints", excitations[i].motion));
     run.windows.push_back({arm.name, t - 0.5 * kPause, t + duration + 0.5 * kPause});
     t += duration;
   }
@@ -203,9 +162,9 @@ ExcitationRun excitation_run(const Scene& scene, const std::vector<ExcitationFil
 std::string approach_scene(const Scene& scene) {
   YAML::Node root = bare_scene(scene, "approach", 0.5);
   for (const auto& arm : scene.arms) {
-    root["timeline"].push_back(reference_event(0.1, arm.name + "_joints", arm.q_start));
+    add(root["timeline"], reference_event(0.1, arm.name + "_joints", arm.q_start));
   }
-  root["duration_s"] = number_text(kApproach + 6);  // slow enough for the speed limit
+  root["duration_s"] = number_text(kExcitationApproach + 6);  // slow enough for the speed limit
   return yaml_text(root) + "\n";
 }
 

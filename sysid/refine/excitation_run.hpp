@@ -9,22 +9,22 @@
 
 namespace multipanda {
 
-// The motion in an excitation's scene file (as written by `excite`), of its first arm.
+// The motion of the first arm in an excitation's scene file (written by `excite`).
 struct ExcitationFile {
   std::string path;
   ExcitationMotion motion;
   double max_speed = 0;  // speed that the input must allow [rad/s]
 };
-// Throws ConfigError, std::invalid_argument (no motion of joints in it).
+// Throws ConfigError, or std::invalid_argument if the scene has no motion of joints.
 ExcitationFile read_excitation(const std::string& path, const Registry& registry);
 
 // The shipped excitation for a model: experiments/scenes/excitation_MODEL.yaml. Throws std::invalid_argument
-// if there is none, and says how to make one.
+// if there is none.
 std::string excitation_path(const std::string& model);
 
-// A run in which the arms of a scene perform their excitations in turn, with everything else but floors
-// removed. Arms that stand close together turn about their first joint to face away from the others, and the
-// waiting arms stay turned away.
+// A run in which the arms of a scene perform their excitations in turn; of the other objects only floors
+// remain. Arms that stand close together face away from each other by turning their first joint, also while
+// they wait.
 struct ExcitationRun {
   std::string scene;  // text
   struct Window {
@@ -37,7 +37,7 @@ struct ExcitationRun {
 ExcitationRun excitation_run(const Scene& scene, const std::vector<ExcitationFile>& excitations,
                              const std::vector<RobotDescription>& robots, std::uint64_t seed);
 
-// The arms of a scene go to the scene's start from any position: for real arms, before a task.
+// Moves the arms to the scene's start from any position: for real arms, before a task.
 std::string approach_scene(const Scene& scene);
 
 }  // namespace multipanda

@@ -7,17 +7,14 @@
 #include <thread>
 
 #include <fmt/format.h>
+#include <yaml-cpp/yaml.h>
 
-#include "experiments/generator_process.hpp"
+#include "experiments/processes.hpp"
 #include "experiments/task_runs.hpp"
-#include "experiments/yaml_tree.hpp"
 #include "models/write_robot.hpp"
 #include "scene/build.hpp"
-#include "scene/carried_arms.hpp"
-#include "sysid/refine/arm_model.hpp"
+#include "scene/rewrite.hpp"
 #include "sysid/refine/excitation_run.hpp"
-#include "sysid/refine/refine_page.hpp"
-#include "sysid/refine/tool_offset.hpp"
 #include "sysid/refine/tool_place.hpp"
 
 namespace multipanda {
@@ -27,7 +24,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 constexpr double kDegrees = 180 / std::numbers::pi;
-constexpr double kPlacing = 5;  // part of the window used for tools that hold an object [s]
+constexpr double kPlacing = 5;  // share of the window used for tools that hold an object [s]
 
 const ExperimentVariant& chosen_variant(const Experiment& experiment, const std::string& name) {
   if (experiment.kind != "task" || experiment.variants.empty()) {
@@ -48,9 +45,9 @@ const ExperimentVariant& chosen_variant(const Experiment& experiment, const std:
   return experiment.variants.front();
 }
 
-class Refinery {
+class RefinementRun {
  public:
-  Refinery(const Experiment& experiment, const RefineOptions& options, const RefineProgress& progress)
+  RefinementRun(const Experiment& experiment, const RefineOptions& options, const RefineProgress& progress)
       : experiment_(experiment),
         options_(options),
         progress_(progress),
@@ -133,7 +130,7 @@ class Refinery {
     return result;
   }
 
-  // The task's scene for the k-th repeat, with these models as plants, optionally shortened.
+  // Scene of the k-th repeat with these models as plants, optionally shortened.
   std::string task_text(std::size_t repeat, const std::vector<RefinedArm>* models = nullptr,
                         std::optional<double> duration_s = {}) const {
     const TaskRun run{&variant_, options_.plant, repeat};
@@ -203,7 +200,7 @@ class Refinery {
     return list;
   }
 
-  // Another excitation of every arm, added to `data`; from round 2 on also the logs of tasks without contact.
+  // Adds another excitation of every arm to `data`, and from round 2 on the logs of tasks without contact.
   bool collect(std::size_t round, std::vector<std::vector<MeasuredLog>>& data, RefineResult& result) {
     say(fmt::format("round {}: excitation", round));
     std::vector<ArmRun> runs;
@@ -249,8 +246,7 @@ class Refinery {
     return experiment_.measure.contains("force") && !experiment_.measure.contains("grasp");
   }
 
-  // Contact is needed to find the true place of tools: one run of the task with the models so far, then the
-  // tools are moved.
+  // Tool poses need contact: runs the task once with the models so far, then moves the tools.
   bool place_tools(std::size_t round, const std::vector<std::vector<MeasuredLog>>& real, RefineRound& done,
                    RefineResult& result) {
     const std::string name = fmt::format("placing_{}_1", round);
@@ -272,8 +268,7 @@ class Refinery {
 
   bool holds_object() const { return experiment_.measure.contains("grasp"); }
 
-  // For arms that hold an object between them: many runs of the task, with the tools at slightly different
-  // places in each.
+  // For arms that hold an object together: many runs of the task with slightly displaced tools.
   bool place_held(std::size_t round, const std::vector<std::vector<MeasuredLog>>& real, RefineRound& done,
                   RefineResult& result) {
     say(fmt::format("round {}: estimating the tool poses from simulations with displaced tools", round));
@@ -288,7 +283,7 @@ class Refinery {
       }
       return arms;
     };
-    // Half the window is as informative about a tool as the whole, and shorter runs save time.
+    // Half the window is as informative about a tool as all of it, and shorter runs save time.
     AlignOptions options = compare_options_;
     double duration = scene_.duration_s;
     if (options.window_s) {
@@ -320,7 +315,7 @@ class Refinery {
     };
     const auto fit = fit_places(first, simulate, options);
     if (!fit) return whole;
-    // The places fit this grasp; the models without them may be closer in another grasp.
+    // The tool poses fit this grasp; the models without them may be closer in another one.
     for (const auto& arm : done.arms) {
       fs::path believed = arm.model;
       believed.replace_filename(arm.model.stem().string() + "_tools_as_believed.yaml");
@@ -379,7 +374,7 @@ class Refinery {
   RunSettings settings_;
   std::vector<RobotDescription> priors_;
   std::vector<ExcitationFile> excitations_;
-  // Both sides have sensor noise, which no model predicts: at 1 kHz it is most of a force's distance.
+  // Both sides have sensor noise, which no model predicts; at 1 kHz it dominates the differences in force.
   CompareOptions compare_options_ = [] {
     CompareOptions options;
     options.low_pass_hz = 10;
@@ -415,7 +410,7 @@ RefineResult refine(const Experiment& experiment, const RefineOptions& options,
                     const RefineProgress& progress) {
   if (options.rounds < 1 || options.repeats < 1)
     throw std::invalid_argument("refine: expected at least one round and one repeat");
-  return Refinery(experiment, options, progress).run();
+  return RefinementRun(experiment, options, progress).run();
 }
 
 }  // namespace multipanda

@@ -3,18 +3,22 @@
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include <nlohmann/json.hpp>
 
 #include "experiments/experiment.hpp"
+#include "models/robot_description.hpp"
+#include "scene/scene.hpp"
 #include "sysid/comparison/compare.hpp"
+#include "sysid/measured/measured_log.hpp"
 #include "sysid/refine/arm_runs.hpp"
 
-// Adapts a task's simulation to its arms (docs/refine.md): runs the task on the arms and in simulation
-// and compares; runs an exciting motion on the arms and identifies a model of each; runs the simulation again
-// with these models and compares again.
+// Adapts a task's simulation to its arms (docs/identification.md): runs the task on the arms and in
+// simulation and compares; runs an exciting motion on the arms and identifies a model of each; simulates the
+// task with these models and compares again.
 namespace multipanda {
 
 struct RefineOptions {
@@ -23,8 +27,8 @@ struct RefineOptions {
   std::size_t repeats = 3;          // of the task, on the arms and in every simulation
   std::string variant;              // of the experiment; empty: its first reported one
   std::string plant = "realistic";  // plant.fidelity of the simulation, before and after
-  std::vector<std::string>
-      excitations;  // scene files, one for all arms or one per arm; empty: the shipped ones
+  // Scene files, one for all arms or one per arm; empty: the shipped ones.
+  std::vector<std::string> excitations;
   std::size_t excitation_repeats = 1;  // per round
   std::string family;                  // friction family, see identify; empty: the best in cross-validation
   std::filesystem::path directory;     // for all files; must exist
@@ -34,7 +38,7 @@ struct RefineOptions {
 };
 
 struct RefineProgress {
-  std::function<void(const std::string& line)> line;  // called from several threads, one at a time
+  std::function<void(const std::string& line)> line;  // called from several threads, never concurrently
   const std::atomic<bool>* stop = nullptr;
 };
 
@@ -62,12 +66,33 @@ struct RefineResult {
   nlohmann::ordered_json json;  // as refine.json
 };
 
-// Any thread; takes minutes. Throws std::invalid_argument for an experiment, a variant or a target that
-// cannot be used, LogRefused for unusable logs, and std::runtime_error.
+// Any thread; takes minutes. Throws std::invalid_argument for an unsuitable experiment, variant or target,
+// LogRefused for unusable logs, and std::runtime_error.
 RefineResult refine(const Experiment& experiment, const RefineOptions& options,
                     const RefineProgress& progress);
 
 // The part of a log from `begin` to `end` seconds, as stamped.
 MeasuredLog cut(const MeasuredLog& log, double begin, double end);
+
+// The whole refinement as JSON; docs/identification.md has the keys.
+nlohmann::ordered_json refine_json(const Experiment& experiment, const ExperimentVariant& variant,
+                                   const RefineOptions& options, const RefineResult& result);
+
+// Makes report.html next to refine.json and returns its path. Throws std::runtime_error with
+// the script's output.
+std::filesystem::path make_refine_page(const std::filesystem::path& json);
+
+struct ArmModelOptions {
+  std::string family;          // of friction beyond the torque sensor; empty: chosen by cross-validation
+  std::filesystem::path file;  // output file
+  std::size_t threads = 2;
+};
+
+// Identifies one arm from its logs: masses, friction and tilt from torque at the sensor; delay, bandwidth and
+// friction before the sensor from commanded torque. Writes a model file. Throws LogRefused.
+RefinedArm identify_arm(const SceneArm& arm, const RobotDescription& prior, std::span<const MeasuredLog> logs,
+                        const ArmModelOptions& options);
+
+std::string in_words(const RefinedArm& arm);  // one human-readable line
 
 }  // namespace multipanda

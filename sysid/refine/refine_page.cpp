@@ -1,6 +1,5 @@
-#include "sysid/refine/refine_page.hpp"
-
 #include "report/page_script.hpp"
+#include "sysid/refine/refine.hpp"
 
 namespace multipanda {
 namespace {

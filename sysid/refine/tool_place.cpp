@@ -3,22 +3,41 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <vector>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 
 #include "scene/build.hpp"
-#include "sysid/refine/last_link.hpp"
 
 namespace multipanda {
 namespace {
 
-// Differences that remain with correct tools: errors of the arms' models, and noise.
+// Removes a part from a body in the link's frame by adding it with negative mass.
+RigidBody without(const RigidBody& whole, const RigidBody& part) {
+  return merged(whole, {-part.mass, part.com, -part.inertia});
+}
+
+// Identified links are often at the limit of physical consistency. This is the smallest change of
+// inertia that makes one possible, with mass and center unchanged. Sigma = tr(I)/2 1 - I is the second moment
+// of mass.
+RigidBody nearest_physical(const RigidBody& body) {
+  if (is_physical(body)) return body;
+  constexpr double kThinnest = 1e-3;  // smallest spread of the mass along any direction [m]
+  const Eigen::SelfAdjointEigenSolver<Matrix3> solver(0.5 * body.inertia.trace() * Matrix3::Identity() -
+                                                      body.inertia);
+  const Vector3 moments = solver.eigenvalues().cwiseMax(body.mass * kThinnest * kThinnest);
+  const Matrix3 sigma = solver.eigenvectors() * moments.asDiagonal() * solver.eigenvectors().transpose();
+  return {body.mass, body.com, sigma.trace() * Matrix3::Identity() - sigma};
+}
+
+// Differences that remain with correct tools: errors of the arms' models and noise.
 constexpr double kPositionNoise = 1e-4, kForceNoise = 0.03, kMomentNoise = 0.008;  // [m], [N], [N m]
 // Expected offsets of tools, and the steps for the slopes.
 constexpr double kExpectedShift = 0.01, kExpectedTurn = 2 * std::numbers::pi / 180;  // [m], [rad]
 constexpr double kShiftStep = 0.002, kTurnStep = std::numbers::pi / 180;             // [m], [rad]
 constexpr int kSteps = 3;
-constexpr double kEnough = 0.7;     // a step that leaves more than this fraction of the cost is the last one
+constexpr double kEnough = 0.7;     // stop once a step leaves more than this fraction of the cost
 constexpr Eigen::Index kParts = 6;  // of a place: shift, turn
 
 double scale_of(const std::string& quantity) {
@@ -35,7 +54,7 @@ ToolPlaces places_of(const Eigen::VectorXd& p) {
   return places;
 }
 
-// real - sim for all arms, divided by the scales; of length 0 if it cannot be computed.
+// (real - sim) / scale for all arms; empty if it cannot be computed.
 Eigen::VectorXd differences(std::span<const MeasuredLog> real, std::span<const MeasuredLog> sim,
                             const AlignOptions& options) {
   std::vector<double> all;
@@ -54,7 +73,7 @@ Eigen::VectorXd differences(std::span<const MeasuredLog> real, std::span<const M
         const Eigen::Index begin = samples * piece / pieces, end = samples * (piece + 1) / pieces;
         const Eigen::RowVectorXd mean =
             (series.real - series.sim).middleRows(begin, end - begin).colwise().mean();
-        // Errors of a run are the same in all its pieces, so together they count as one.
+        // Errors of a run are the same in all its segments, so together they count as one.
         for (const double value : mean) all.push_back(value / scale / std::sqrt(static_cast<double>(pieces)));
       }
     }
@@ -62,7 +81,50 @@ Eigen::VectorXd differences(std::span<const MeasuredLog> real, std::span<const M
   return Eigen::Map<Eigen::VectorXd>(all.data(), static_cast<Eigen::Index>(all.size()));
 }
 
+constexpr double kPressing = 3;       // [N]
+constexpr double kPosition = 0.0005;  // expected differences in position from other causes [m]
+constexpr double kMoment = 0.03;      // the same for moments [N m]
+constexpr Eigen::Index kEvery = 20;   // of samples at 1 kHz
+constexpr std::size_t kLeast = 50;    // samples
+constexpr double kExpected = 0.01;    // [m]
+constexpr Eigen::Index kAir = 200;    // samples at the start
+constexpr double kMost = 0.02;        // [m]
+
+const AlignedPair::Series* series(const AlignedPair& pair, const std::string& name) {
+  for (std::size_t i = 0; i < quantities().size(); ++i) {
+    const auto& one = pair.series[i];
+    if (quantities()[i].name == name && one.real.rows() > 0 && one.sim.rows() > 0) return &one;
+  }
+  return nullptr;
+}
+
+Vector6 in_free_air(const Eigen::MatrixXd& F) {
+  return F.topRows(std::min(kAir, F.rows())).colwise().mean().transpose();
+}
+
+Matrix3 cross(const Vector3& v) {
+  Matrix3 S;
+  S << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return S;
+}
+
 }  // namespace
+
+RobotDescription with_flange(const RobotDescription& robot, const SceneArm& arm, const Pose& X_LF) {
+  const Pose before = robot.flange.pose();
+  RigidBody last = robot.links.back();
+  const auto shift = [&](const RigidBody& body, const Pose& X_F) {
+    last = without(merged(last, moved(body, before * X_F)), moved(body, X_LF * X_F));
+  };
+  if (arm.hand && robot.hand) shift(rigid_hand(*robot.hand), robot.hand->mount.pose());
+  if (arm.tool.mass > 0) shift({arm.tool.mass, arm.tool.p_FC, arm.tool.inertia_C}, {});
+  RobotDescription result = robot;
+  if (last.mass > 0) result.links.back() = nearest_physical(last);
+  result.flange.position = X_LF.position;
+  // Without a rotation, the values stay exactly the same.
+  if ((X_LF.rotation - before.rotation).norm() > 1e-12) result.flange.rpy = rpy_of(X_LF.rotation);
+  return result;
+}
 
 std::optional<PlaceFit> fit_places(std::span<const MeasuredLog> real, const PlaceRuns& run,
                                    const AlignOptions& options) {
@@ -119,6 +181,74 @@ RobotDescription with_tool_place(const RobotDescription& robot, const SceneArm& 
   const double angle = place.turn.norm();
   if (angle > 0) moved_E.rotation = Eigen::AngleAxisd(angle, place.turn / angle).toRotationMatrix();
   return with_flange(robot, arm, robot.flange.pose() * X_FE * moved_E * X_FE.inverse());
+}
+
+std::optional<Vector3> tool_offset(std::span<const MeasuredLog> real, std::span<const MeasuredLog> sim,
+                                   const SceneArm& arm, const AlignOptions& options,
+                                   double compliance_m_per_n) {
+  const Matrix3 R_FE = arm_config(arm).frames.X_FE.rotation;
+  Matrix3 A = Matrix3::Zero();
+  Vector3 b = Vector3::Zero();
+  std::size_t used = 0;
+  for (std::size_t k = 0; k < std::min(real.size(), sim.size()); ++k) {
+    const AlignedPair pair = align(real[k], sim[k], options);
+    const auto *x = series(pair, "x_EE"), *F = series(pair, "F_EE"), *M = series(pair, "M_EE");
+    if (x == nullptr || F == nullptr || M == nullptr || real[k].quat_EE.rows() == 0) return std::nullopt;
+    // The estimate also contains undeclared weight: its value at the start, in free air, is subtracted.
+    const Vector3 air = in_free_air(real[k].F_EE).head(3), air_sim = in_free_air(sim[k].F_EE).head(3);
+    const Vector3 air_moment = in_free_air(real[k].F_EE).tail(3) - in_free_air(sim[k].F_EE).tail(3);
+    std::vector<Eigen::Index> pressed;
+    Vector3 normal = Vector3::Zero();  // friction cancels over the motion, or is small
+    for (Eigen::Index i = 0; i < pair.t.size(); i += kEvery) {
+      const Vector3 f = F->real.row(i).transpose() - air, f_sim = F->sim.row(i).transpose() - air_sim;
+      if (f.norm() < kPressing || f_sim.norm() < kPressing) continue;
+      pressed.push_back(i);
+      normal += f;
+    }
+    if (pressed.empty()) continue;
+    normal.normalize();
+    for (const Eigen::Index i : pressed) {
+      const Vector3 f = F->real.row(i).transpose() - air, f_sim = F->sim.row(i).transpose() - air_sim;
+      const double deeper = compliance_m_per_n * normal.dot(f - f_sim);
+      const double t = real[k].t[0] + pair.t[i];
+      const auto row = std::min<Eigen::Index>(
+          std::lower_bound(real[k].t.data(), real[k].t.data() + real[k].t.size(), t) - real[k].t.data(),
+          real[k].t.size() - 1);
+      const auto q = real[k].quat_EE.row(row);
+      const Matrix3 R_WF = Quaternion(q[0], q[1], q[2], q[3]).toRotationMatrix() * R_FE.transpose();
+      const Vector3 along = -R_WF.transpose() * normal / kPosition;
+      A += along * along.transpose();
+      b += along * (normal.dot((x->real.row(i) - x->sim.row(i)).transpose()) - deeper) / kPosition;
+      const Matrix3 turning = -cross(f) * R_WF / kMoment;  // d x F = -F x d
+      const Vector3 moment = (M->real.row(i) - M->sim.row(i)).transpose() - air_moment;
+      A += turning.transpose() * turning;
+      b += turning.transpose() * moment / kMoment;
+    }
+    used += pressed.size();
+  }
+  if (used < kLeast) return std::nullopt;
+  // Errors of a run are the same in all its samples, so together they count as one. Unidentifiable components
+  // stay small.
+  const auto count = static_cast<double>(used);
+  const Vector3 d = (A / count + Matrix3::Identity() / (kExpected * kExpected)).ldlt().solve(b / count);
+  if (!d.allFinite() || d.norm() > kMost) return std::nullopt;
+  return d;
+}
+
+double surface_compliance(const Scene& scene) {
+  std::optional<double> stiffness;
+  for (const auto& object : scene.objects) {
+    if (!object.contact) continue;
+    if (stiffness && *stiffness != object.contact->stiffness_n_per_m) return 0;
+    stiffness = object.contact->stiffness_n_per_m;
+  }
+  return stiffness ? 1 / *stiffness : 0;
+}
+
+RobotDescription with_tool_offset(const RobotDescription& robot, const SceneArm& arm, const Vector3& d) {
+  Pose X_LF = robot.flange.pose();
+  X_LF.position += X_LF.rotation * d;
+  return with_flange(robot, arm, X_LF);
 }
 
 }  // namespace multipanda

@@ -9,13 +9,18 @@
 #include "scene/scene.hpp"
 #include "sysid/comparison/align.hpp"
 
-// Finds the places of tools with which several arms hold one object. No fixed object shows a place directly
-// (tool_offset.hpp). The object turns and moves with the hands, pads press with an edge first, and one tool's
-// shift or turn affects all arms. So simulations of the task show the effect of each shift and turn, and
-// least squares finds those that explain the measurements.
 namespace multipanda {
 
-// Of one arm: the tool on the flange, moved as a whole.
+// The robot with its flange at X_LF in the last link. Hand and `tool` move along; their mass is taken from
+// the last link, so that their sum stays the same, as closely as a physical link allows.
+RobotDescription with_flange(const RobotDescription& robot, const SceneArm& arm, const Pose& X_LF);
+
+// Finds the places of tools with which several arms hold one object. There is no fixed object as reference
+// (tool_offset.hpp), the object moves with the hands, pads touch with an edge first, and the shift or turn of
+// one tool affects all arms. Simulations of the task give the effect of each shift and turn, and least
+// squares finds those that explain the measurements.
+
+// Displacement of one arm's tool on the flange.
 struct ToolPlace {
   Vector3 shift = Vector3::Zero();  // of the end effector E, in the assumed E [m]
   Vector3 turn = Vector3::Zero();   // about E: rotation vector in the assumed E [rad]
@@ -48,5 +53,25 @@ struct PlaceFit {
 // `run` was stopped.
 std::optional<PlaceFit> fit_places(std::span<const MeasuredLog> real, const PlaceRuns& run,
                                    const AlignOptions& options);
+
+// Offset of the tool from its place in the scene, from runs in which it touches a surface whose place is
+// known. The whole tool is moved by d. Compared with the simulation without d, along the force's direction n
+// the assumed end effector is behind by d and goes deeper by the additional force:
+//   n . (x_real - x_sim) = -n . d + compliance n . (F_real - F_sim)
+// and the force acts elsewhere:
+//   M_real - M_sim = d x F
+// F is reduced by the estimate in free air at the start of the run. Least squares over all samples at which
+// both press with at least 3 N, in the flange's frame [m]. None: too few such samples, or an offset of more
+// than 2 cm.
+std::optional<Vector3> tool_offset(std::span<const MeasuredLog> real, std::span<const MeasuredLog> sim,
+                                   const SceneArm& arm, const AlignOptions& options,
+                                   double compliance_m_per_n = 0);
+
+// Compliance of the objects that the scene's arms touch [m/N], from their `contact`; 0: none has one,
+// or they differ.
+double surface_compliance(const Scene& scene);
+
+// The robot with its flange moved by d (in the flange's frame), see last_link.hpp.
+RobotDescription with_tool_offset(const RobotDescription& robot, const SceneArm& arm, const Vector3& d);
 
 }  // namespace multipanda

@@ -6,6 +6,7 @@ import os
 import pathlib
 import shutil
 import subprocess
+import sys
 import tempfile
 import unittest
 
@@ -143,7 +144,7 @@ class Experiments(unittest.TestCase):
 
         def assert_stopped(run, runs):
             self.assertEqual(run.wait(), 1)
-            self.assertIn("stopped in the cockpit: no further run begins", run.lines)
+            self.assertIn("stopped in the cockpit: no further run is started", run.lines)
             self.assertIn("no report; finished runs are kept", run.lines)
             self.assertEqual(sum(" repeat " in line for line in run.lines), runs, run.lines)
 
@@ -178,9 +179,15 @@ class Reports(unittest.TestCase):
 
 class WithoutPage(unittest.TestCase):
     def test_a_program_without_the_page_says_so_and_does_all_else(self):
-        program = shutil.copy2(PROGRAM, os.path.join(FOLDER, "multipanda"))  # the bundle is beside the original
+        shutil.copy2(pathlib.Path(PROGRAM).parent / "libmultipanda_cockpit.so", FOLDER)
+        program = shutil.copy2(PROGRAM, os.path.join(FOLDER, "program"))  # the bundle is beside the original
         command = [program, "run", scene_file(), "--no-timeline", "--cockpit", "0"]
-        with Run(command=command, environment={"MULTIPANDA_SHARE": str(ROOT)}) as run, run.page() as page:
+        with (
+            Run(
+                command=command, environment={"MULTIPANDA_SHARE": str(ROOT), "MULTIPANDA_PYTHON": sys.executable}
+            ) as run,
+            run.page() as page,
+        ):
             self.assertTrue(any("no cockpit page" in line for line in run.lines), run.lines)
             answer = http(page.port, b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n")
             self.assertEqual(answer.status, 404)

@@ -3,10 +3,13 @@
 import contextlib
 import functools
 import os
+import pathlib
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 
 from page_client import Page
 
@@ -99,6 +102,43 @@ def controlling(run):
     page.ask("subscribe", rate_hz=60)
     page.until(lambda p: p.states, "state")
     return page
+
+
+def ask_held(page, word, **keys):
+    """Asks for what may move an arm, and holds the button until the arm has stood still long enough."""
+
+    def beat():  # beats count from pages that see new states
+        known = len(page.states)
+        page.until(lambda p: len(p.states) > known, "state")
+        page.send({"beat": 1})
+
+    news = len(page.news)
+    beat()
+    page.send({"do": word, "id": "held", **keys})
+    asked = time.monotonic()
+    while "held" not in page.answers or time.monotonic() < asked + 0.5:
+        beat()
+    page.send({"release": True})
+    answer = page.answers.pop("held")
+    if answer.get("verdict") == "not_held" or any("released" in message for message in page.news[news:]):
+        raise Late(answer)
+    return answer
+
+
+def until_owned(page, name):
+    """Until the arm has its controllet; a busy computer may let it go before."""
+    end = time.monotonic() + 5  # [s]; a virtual arm that missed its periods has a reflex
+    page.until(lambda p: owner(p) == name or p.newest("released") or time.monotonic() > end, "owner")
+    if owner(page) != name:
+        raise Late(page.newest("released"))
+
+
+def stand_still(pid):
+    """Stops a program, until none of its threads goes on: on a busy computer some do for a while."""
+    os.kill(pid, signal.SIGSTOP)
+    threads = pathlib.Path(f"/proc/{pid}/task")
+    while any(file.read_text().rpartition(") ")[2][0] != "T" for file in threads.glob("*/stat")):
+        time.sleep(0.01)
 
 
 def settle(page, name="arm"):

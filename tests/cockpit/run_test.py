@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 """Runs with a cockpit, watched and commanded by pages, on simulated and on virtual arms."""
 
+import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
 import unittest
 
-from harness import FOLDER, PROGRAM, Late, Run, controlling, owner, patient, settle
+from harness import FOLDER, PROGRAM, Late, Run, ask_held, controlling, owner, patient, settle, stand_still, until_owned
 from page_client import Closed, Page, http
 
 
@@ -130,13 +132,14 @@ class Watching(unittest.TestCase):
 class Commanding(unittest.TestCase):
     BACKEND = ()
 
+    @patient
     def test_a_watcher_stops_within_one_cycle(self):
         with Run("two_arms", *self.BACKEND) as run, controlling(run) as page, run.page() as watcher:
             watcher.ask("plot", fields=["cycle", "start_ns", "left/owner", "right/owner"])
             names = page.hello["names"]["controllets"]
             holds = [names.index("left_hold"), names.index("right_hold")]
             for _ in range(5):
-                self.assertTrue(page.ask("switch", activate=["left_joint", "right_joint"])["ok"])
+                self.assertTrue(ask_held(page, "switch", activate=["left_joint", "right_joint"])["ok"])
                 watcher.plots.clear()
                 received = watcher.ask("stop")["received_ns"]
                 rows = watcher.until(
@@ -147,35 +150,67 @@ class Commanding(unittest.TestCase):
                 arrived = max(cycle for _, cycle, start, *_ in rows if start <= received)
                 self.assertLessEqual(held_since(rows, holds), arrived + 1)
                 self.assertEqual(watcher.ask("resume", arms="all")["verdict"], "no_control")
+                self.assertEqual(page.ask("resume", arms="all", stops=0)["verdict"], "arm_stopped")
                 self.assertTrue(page.ask("resume", arms="all")["ok"])
 
+    @patient
+    def test_nothing_acts_that_was_asked_while_the_run_stood_still(self):
+        with Run("one_arm") as run, controlling(run) as page, run.page() as watcher:
+            settle(page)
+            stand_still(run.process.pid)
+            page.send({"beat": 1})
+            requests = (
+                {"do": "resume"},
+                {"do": "switch", "activate": ["joint"]},
+                {"do": "set_load", "arm": "arm", "mass_kg": 1},
+            )
+            for number, request in enumerate(requests, 901):
+                page.send({"id": number, **request})
+            time.sleep(2)
+            os.kill(run.process.pid, signal.SIGCONT)
+            verdicts = [page.answer(901 + n)["verdict"] for n in range(len(requests))]
+            self.assertEqual(verdicts, ["timeout"] * len(requests))
+            self.assertTrue(watcher.ask("stop", arms=["ram"])["ok"])  # of a wrong name, from a page that watches
+            page.states.clear()
+            page.until(lambda p: p.states and p.value("arm/stopped")[0], "a stopped arm")
+            self.assertEqual(owner(page), "arm_hold")
+            time.sleep(0.5)
+            page.states.clear()
+            page.until(lambda p: len(p.states) > 4, "states")
+            self.assertTrue(page.ask("resume")["ok"])
+            self.assertTrue(ask_held(page, "switch", activate=["joint"])["ok"])
+
+    @patient
     def test_switches_for_the_one_in_control(self):
         with Run("one_arm", *self.BACKEND) as run, controlling(run) as page, run.page() as watcher:
             self.assertEqual(watcher.ask("switch", activate=["joint"])["verdict"], "no_control")
-            done = page.ask("switch", activate=["joint"])
+            done = ask_held(page, "switch", activate=["joint"])
             self.assertEqual(done["started"], ["joint"])
             self.assertIn("times_ms", done)
             self.assertEqual(len(done["torque_steps"]), 1)
             watcher.until(lambda p: p.events("switched"), "event")
-            page.until(lambda p: owner(p) == "joint", "owner")
+            until_owned(page, "joint")
             refused = page.ask("switch", activate=["jiont"])
             self.assertEqual(refused["verdict"], "unknown_instance")
             self.assertIn("joint", refused["reason"])
             self.assertTrue(page.ask("parameter", controllet="joint", name="stiffness_nm_per_rad", value=50)["ok"])
             page.until(lambda p: p.newest("list"), "list")
-            bad = page.ask("parameter", controllet="joint", name="stiffness_nm_per_rad", value=1e9)
-            self.assertEqual(bad["verdict"], "out_of_bounds")
+            stiff = {"controllet": "joint", "name": "stiffness_nm_per_rad"}
+            self.assertEqual(page.ask("parameter", **stiff, value=60)["verdict"], "not_held")
+            self.assertEqual(ask_held(page, "parameter", **stiff, value=1e9)["verdict"], "out_of_bounds")
             self.assertEqual(watcher.ask("control", take=True)["control"], "requested")
             page.until(lambda p: p.newest("control")["requests"], "request")
             self.assertTrue(page.ask("control", give=watcher.hello["client"])["ok"])
             self.assertEqual(page.ask("switch", activate=["cartesian"])["verdict"], "no_control")
-            self.assertTrue(watcher.ask("switch", activate=["cartesian"])["ok"])
+            watcher.ask("subscribe", rate_hz=60)
+            self.assertEqual(watcher.ask("switch", activate=["cartesian"])["verdict"], "not_held")
+            self.assertTrue(ask_held(watcher, "switch", activate=["cartesian"])["ok"])
 
     @patient
     def test_release_rests_and_keeps_the_controllet(self):
         with Run("one_arm", *self.BACKEND) as run, controlling(run) as page:
-            page.ask("switch", activate=["cartesian"])
-            page.until(lambda p: owner(p) == "cartesian", "owner")
+            ask_held(page, "switch", activate=["cartesian"])
+            until_owned(page, "cartesian")
             self.assertGreater(drag(page, 1), 0.02)
             page.send({"release": True})
             settle(page)
@@ -193,8 +228,8 @@ class Commanding(unittest.TestCase):
     @patient
     def test_lost_beats_hold(self):
         with Run("one_arm", *self.BACKEND) as run, controlling(run) as page:
-            page.ask("switch", activate=["cartesian"])
-            page.until(lambda p: owner(p) == "cartesian", "owner")
+            ask_held(page, "switch", activate=["cartesian"])
+            until_owned(page, "cartesian")
             drag(page, 0.5)
             page.until(lambda p: p.newest("released"), "release")  # no more beats
             self.assertIn("200 ms", page.newest("released")["cause"])
@@ -204,8 +239,8 @@ class Commanding(unittest.TestCase):
     @patient
     def test_a_goal_ends_with_the_hold(self):
         with Run("one_arm", *self.BACKEND) as run, controlling(run) as page:
-            page.ask("switch", activate=["cartesian"])
-            page.until(lambda p: owner(p) == "cartesian", "owner")
+            ask_held(page, "switch", activate=["cartesian"])
+            until_owned(page, "cartesian")
             start = page.value("cartesian/pose")
             page.send({"beat": 1})
             answer = page.ask(
@@ -228,8 +263,8 @@ class Commanding(unittest.TestCase):
         with Run("one_arm", *self.BACKEND) as run, run.page() as watcher:
             watcher.ask("subscribe", rate_hz=60)
             page = controlling(run)
-            page.ask("switch", activate=["cartesian"])
-            page.until(lambda p: owner(p) == "cartesian", "owner")
+            ask_held(page, "switch", activate=["cartesian"])
+            until_owned(page, "cartesian")
             drag(page, 0.5)
             page.close()
             watcher.until(lambda p: p.states and owner(p) == "arm_hold", "hold")

@@ -130,7 +130,8 @@ void table(Dice& dice, Approach& approach) {
   const Vector3 up = tilt.rotation.col(2);
   const double gap = dice.uniform(0.2, 0.3);
   approach.scene.objects = {box("table", {0.3, 0.3, 0.1}, {tilt.rotation, p - (gap + 0.05) * up})};
-  const Vector3 slide = tilt.rotation * Vector3(dice.uniform(-0.3, 0.3), dice.uniform(-0.3, 0.3), 0);
+  const double aside = dice.uniform(-0.3, 0.3);
+  const Vector3 slide = tilt.rotation * Vector3(dice.uniform(-0.3, 0.3), aside, 0);
   const Vector3 way = (slide - up).normalized();
   const double rate = kSpeed / -way.dot(up);
   approach.paths = {{.way = way, .length = (gap + dice.uniform(0.02, 0.08)) * rate / kSpeed, .rate = rate}};

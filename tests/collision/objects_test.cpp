@@ -6,7 +6,6 @@
 #include "core/geometry/distance.hpp"
 #include "core/modes/registry.hpp"
 #include "scene/build.hpp"
-#include "scene/collision_shapes.hpp"
 
 namespace multipanda::collision_objects_test {
 namespace {

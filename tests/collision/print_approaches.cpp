@@ -1,4 +1,4 @@
-// Every seeded approach as a line, for tuning and for the figures in docs/features/collision_avoidance.md.
+// Every seeded approach as a line, for tuning and for the figures in docs/results/control.md.
 #include <cstdio>
 #include <cstdlib>
 

@@ -54,7 +54,7 @@ class ComingFrom(unittest.TestCase):
             return 0
         texts = [base.__doc__ or "" for base in getattr(owner, "__mro__", ())]  # attributes of objects are in them
         texts += [self.law] if owner is mp.Controllet else []
-        documented = any(re.search(rf"^\s*(?:\| `)?{node.attr}(?:: |` \|)", text, re.M) for text in texts)
+        documented = any(re.search(rf"^\s*(?:- `)?{node.attr}(?:: |` \()", text, re.M) for text in texts)
         self.assertTrue(hasattr(owner, node.attr) or documented, f"{code}: there is no {node.attr}")
         return 1
 
@@ -67,7 +67,8 @@ class ComingFrom(unittest.TestCase):
         inspect.signature(called).bind(*first, *node.args, **given)  # raises TypeError with the argument
 
     def test_python(self):
-        self.law = (ROOT / "docs" / "controllets" / "cartesian_impedance.md").read_text(encoding="utf-8")
+        reference = (ROOT / "docs" / "scene_reference.md").read_text(encoding="utf-8")
+        self.law = re.search(r"^### cartesian_impedance$(.*?)^### ", reference, re.M | re.S).group(1)
         count = 0
         for library in ("franky", "panda-py", "crisp_py"):
             for code in our_column(library):
@@ -78,7 +79,7 @@ class ComingFrom(unittest.TestCase):
                         count += self.check_member(node, code)
                     if isinstance(node, ast.Call):
                         self.check_arguments(node, code)
-        self.assertGreater(count, 60)
+        self.assertGreater(count, 50)
 
     def test_instances_are_those_of_the_scene(self):
         names = set(re.findall(r'run(?:\.switch\(|\[)"(\w+)"', PAGE))

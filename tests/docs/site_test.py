@@ -79,8 +79,8 @@ class Site(unittest.TestCase):
         source = (ROOT / "core" / "cycle" / "control_cycle.cpp").read_text(encoding="utf-8")
         shown = html.unescape(re.sub(r"<[^>]*>", "", page.read_text(encoding="utf-8")))
         self.assertIn(source.strip(), shown)
-        home = self.pages[self.site / "index.html"].links
-        self.assertIn("sources/core/cycle/control_cycle.cpp.html", home)
+        links = self.pages[self.site / "architecture.html"].links
+        self.assertIn("sources/core/cycle/control_cycle.cpp.html", links)
 
     def test_nothing_is_fetched(self):
         self.assertEqual(build_site.fetched(self.site), [])

@@ -54,8 +54,9 @@ class World:
         self.scene = pathlib.Path(self.folder.name, "scene.yaml")
         self.scene.write_text(self.text)
         self.socket = pathlib.Path(self.folder.name, "run.sock")
+        versions = [word for name in self.names for word in ("--protocol", f"{name}=any")]  # for pylibfranka, too
         self.arms = VirtualArms(
-            PROGRAM, self.scene, self.names, "lockstep", ["--no-gripper", *self.options]
+            PROGRAM, self.scene, self.names, "lockstep", ["--no-gripper", *versions, *self.options]
         ).__enter__()
         try:
             return self.start_run()

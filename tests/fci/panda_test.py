@@ -24,7 +24,8 @@ class Arms(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        cls.arms = VirtualArms(PROGRAM, cls.scene, cls.names).__enter__()
+        options = ["--protocol", "fr3=any"]  # a real one refuses version 5
+        cls.arms = VirtualArms(PROGRAM, cls.scene, cls.names, options=options).__enter__()
         cls.robots = {}
 
     @classmethod
@@ -82,6 +83,28 @@ class Library(Arms):
         seen = []
         self.robot().read(lambda state: seen.append(state.time.to_sec()) or len(seen) < 20)
         self.assertEqual(sorted(seen), seen)
+
+    def test_wrenches_about_the_base_and_about_k(self):
+        """A known force on the flange of a turned arm, with end effector and K where a program has put them."""
+        robot = self.robot()
+        robot.set_ee([0.8, 0.6, 0, 0, -0.6, 0.8, 0, 0, 0, 0, 1, 0, 0.05, -0.1, 0.03, 1])
+        robot.set_k([0, 0, -1, 0, 0.6, 0.8, 0, 0, 0.8, -0.6, 0, 0, 0.08, -0.05, 0.1, 1])
+        push = np.array([6.0, -9.0, 7.0])
+        self.arms.control("push panda 6 -9 7 3")
+        pushed = robot.read_once().time.to_sec() + 1.5
+        robot.read(lambda state: state.time.to_sec() < pushed)
+        state = robot.read_once()
+        O_T_EE = pose_of(state.O_T_EE)
+        O_T_K, flange = O_T_EE @ pose_of(state.EE_T_K), (O_T_EE @ np.linalg.inv(pose_of(state.F_T_EE)))[:3, 3]
+        c, s = np.cos(np.pi / 5), np.sin(np.pi / 5)  # the base in the scene
+        f, R_K = -np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ push, O_T_K[:3, :3]
+        np.testing.assert_allclose(state.O_F_ext_hat_K, [*f, *np.cross(flange, f)], atol=0.1)
+        about_k = np.cross(flange - O_T_K[:3, 3], f)
+        np.testing.assert_allclose(state.K_F_ext_hat_K, [*(R_K.T @ f), *(R_K.T @ about_k)], atol=0.1)
+        robot.set_ee(list(np.eye(4).ravel()))
+        robot.set_k(list(np.eye(4).ravel()))
+        ended = robot.read_once().time.to_sec() + 2
+        robot.read(lambda state: state.time.to_sec() < ended)
 
     def test_setters_and_recovery(self):
         robot = self.robot()

@@ -145,7 +145,7 @@ TEST(Interaction, StoredEnergyNeverExceedsItsInput) {
 TEST(Interaction, ThePapersValveCreatesEnergy) {
   const Passivity figures = passivity(Disturbance::jumps, 0.5, true, 1);
   EXPECT_GT(figures.excess, 0.5);
-  EXPECT_GT(figures.made_up, 0.5);
+  EXPECT_GT(figures.injected, 0.5);
 }
 
 }  // namespace

@@ -47,7 +47,8 @@ class Disturber {
     Reference& pose = law.inputs()[law.find_input("pose")];
     if (!started_) home_ = pose.pose();
     Pose X = home_;
-    X.position += Vector3(between(-0.05, 0.15), between(-0.15, 0.15), between(-0.02, 0.04));
+    const double up = between(-0.02, 0.04), aside = between(-0.15, 0.15);
+    X.position += Vector3(between(-0.05, 0.15), aside, up);
     X.rotation = exp_rotation({between(-0.2, 0.2), between(-0.2, 0.2), between(-0.3, 0.3)}) * X.rotation;
     pose.post(pose_target(X));
     Target force;
@@ -105,7 +106,7 @@ Passivity passivity(Disturbance disturbance, double tank_start_j, bool paper_val
               }});
   const std::size_t alpha_i = result.column("alpha_i"), force_tank = result.column("force_tank_j"),
                     impedance_tank = result.column("impedance_tank_j"),
-                    stored = result.column("stored_energy_j"), made_up = result.column("energy_made_up_j");
+                    stored = result.column("stored_energy_j"), injected = result.column("energy_injected_j");
   Passivity figures;
   figures.kept = result.kept && result.fault.empty();
   figures.least_tank = std::numeric_limits<double>::infinity();
@@ -128,7 +129,7 @@ Passivity passivity(Disturbance disturbance, double tank_start_j, bool paper_val
     figures.excess = std::max(figures.excess, made - first);
     figures.gain = std::max(figures.gain, made - lowest);
     figures.least_tank = std::min({figures.least_tank, s.outputs[force_tank], s.outputs[impedance_tank]});
-    figures.made_up = s.outputs[made_up];
+    figures.injected = s.outputs[injected];
     figures.imbalance = std::max(figures.imbalance, std::abs(S - s.outputs[stored]));
     if (s.F_true.norm() > 0.1) ++touching;
     figures.seconds = s.t;

@@ -21,7 +21,7 @@ struct Passivity {
   double excess = 0;         // largest S(t) - S(0) - W(t) - allowance t [J]; passive: at most 0
   double gain = 0;           // the same from any instant to any later one [J]
   double least_tank = 0;     // lowest energy of either tank [J]
-  double made_up = 0;        // energy that the tanks of the paper's law created [J]
+  double injected = 0;       // energy that the tanks of the paper's law created [J]
   double moved = 0;          // length of the tool's path [m]
   double contact_share = 0;  // fraction of the time in true contact
   double imbalance = 0;      // of the controllet's own stored_energy_j against the plant's: largest [J]

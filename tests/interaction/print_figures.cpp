@@ -124,7 +124,7 @@ int main(int argc, char** argv) {
         for (const double start : {0.2, 0.5, 2.0, 100.0}) {
           const Passivity p = passivity(disturbance, start, c.paper_valve, 1, c.plant);
           std::printf("%-9s %-6s %6.1f | %9.5f %9.5f | %9.4f %9.4f | %6.2f %6.2f %9.2g %s\n", c.law,
-                      name(disturbance), start, p.excess, p.gain, p.least_tank, p.made_up, p.moved,
+                      name(disturbance), start, p.excess, p.gain, p.least_tank, p.injected, p.moved,
                       p.contact_share, p.imbalance, p.kept ? "" : "NOT KEPT");
           std::fflush(stdout);
         }

@@ -41,9 +41,10 @@ def pythons():
 
 @functools.cache
 def constraints():
-    """The tested versions (requirements.txt), so that a release elsewhere does not change what is tested."""
+    """The tested versions (requirements*.txt), so that a release elsewhere does not change what is tested."""
     path = FOLDER / "constraints.txt"
-    lines = re.findall(r"^[\w.-]+==[^\\\n]*", (ROOT / "requirements.txt").read_text(), re.M)
+    pins = "".join((ROOT / f"requirements{name}.txt").read_text() for name in ("", "-more"))
+    lines = re.findall(r"^[\w.-]+==[^\\\n]*", pins, re.M)
     path.write_text("\n".join(lines))
     return path
 

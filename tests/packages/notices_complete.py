@@ -1,5 +1,5 @@
 """Each third-party library that is bundled or compiled in has its notice; derived here from the binaries and from the
-headers that the compiler has read, not from the table of packages/notices.py."""
+headers that the compiler has read, not from the table of packaging/notices.py."""
 
 import functools
 import importlib.metadata
@@ -11,12 +11,14 @@ import unittest
 import made
 from made import ROOT, output
 
-sys.path.insert(0, str(ROOT / "packages"))
-from notices import COMPONENTS, canonical, is_of_page  # noqa: E402
+sys.path.insert(0, str(ROOT / "packaging"))
+from notices import COMPONENTS, canonical, is_of_page
 
 # Part of every Linux, and compiled in under the runtime library exception; Python's interface, of which nothing but
 # declarations is compiled in.
-OF_THE_SYSTEM = re.compile(r"^(libc6|libpython3.*-dev|libc6-dev|linux-libc-dev|libstdc\+\+.*|libgcc.*|gcc-.*)$")
+OF_THE_SYSTEM = re.compile(
+    r"^(libc6|libpython3.*-dev|libc6-dev|linux-libc-dev|libstdc\+\+.*|libgcc.*|gcc-.*|libclang-common-.*)$"
+)
 
 
 @functools.cache
@@ -98,6 +100,12 @@ def in_page():
     return [f"npm:{name}" for name in listed.read_text().split()] if listed.exists() else []
 
 
+def beside():
+    """Python distributions that programs of the packages bring along."""
+    server = made.unpacked() / "multipanda/share/multipanda/cockpit/server"
+    return sorted(folder.name for folder in server.iterdir() if folder.is_dir())
+
+
 def without_notice(owners, components):
     covered = {name for component in components for name in component.covers}
     return sorted(who for who in owners if who not in covered)
@@ -114,6 +122,10 @@ class Notices(unittest.TestCase):
         self.assertIn("libcli11-dev", compiled_in())
         self.assertEqual(without_notice(compiled_in(), COMPONENTS), [], compiled_in())
 
+    def test_each_library_that_is_beside_a_program_has_one(self):
+        self.assertEqual(beside(), ["websockets"])
+        self.assertEqual(without_notice(beside(), COMPONENTS), [])
+
     def test_each_package_in_the_page_has_one(self):
         self.assertEqual(bool(in_page()), (made.BUILD / "cockpit_page/index.html").exists())
         self.assertEqual(without_notice(in_page(), COMPONENTS), [])
@@ -124,7 +136,7 @@ class Notices(unittest.TestCase):
             self.assertTrue(without_notice([*bundled().values(), *compiled_in(), *in_page()], fewer), name)
 
     def test_no_row_is_without_use(self):
-        used = {*bundled().values(), *compiled_in(), *in_page()}
+        used = {*bundled().values(), *compiled_in(), *beside(), *in_page()}
         needed = [c for c in COMPONENTS if in_page() or not is_of_page(c)]
         self.assertEqual([c.name for c in needed if not used & set(c.covers)], [])
 

@@ -18,7 +18,7 @@ def main():
     made.BUILD = pathlib.Path(sys.argv.pop(1)).resolve()
     begin = time.monotonic()
     done = subprocess.run(
-        [sys.executable, "-B", made.ROOT / "packages/make_packages.py", "--build", made.BUILD, "--out", made.OUT],
+        [sys.executable, "-B", made.ROOT / "packaging/make_packages.py", "--build", made.BUILD, "--out", made.OUT],
         capture_output=True,
         text=True,
     )

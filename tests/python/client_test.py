@@ -1,17 +1,58 @@
 #!/usr/bin/env python3
 """Arms and controllets of a run: state, switches, parameters, goals, streams, stop, load, gripper, events."""
 
+import asyncio
 import concurrent.futures
+import contextlib
 import inspect
+import math
+import os
 import pydoc
+import socket
 import threading
 import time
 import unittest
 
 import harness  # first: it sets the paths
 import multipanda as mp
+import multipanda.aio
 import numpy as np
 from harness import PATIENCE, Silent, streaming, unless_silent, until
+
+
+class Forwarded:
+    """Forwards the clients of a socket to another socket."""
+
+    def __init__(self, path, to):
+        self.server, self.copied = socket.socket(socket.AF_UNIX), []
+        self.server.bind(str(path))
+        self.server.listen()
+        threading.Thread(target=self.serve, args=(to,), daemon=True).start()
+
+    def serve(self, to):
+        with contextlib.suppress(OSError):
+            while True:
+                near, _ = self.server.accept()
+                far = socket.socket(socket.AF_UNIX)
+                self.copied += [near, far]
+                far.connect(str(to))
+                for a, b in ((near, far), (far, near)):
+                    threading.Thread(target=self.copy, args=(a, b), daemon=True).start()
+
+    @staticmethod
+    def copy(a, b):
+        with contextlib.suppress(OSError):
+            while data := a.recv(65536):
+                b.sendall(data)
+            b.shutdown(socket.SHUT_WR)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *left):
+        self.server.shutdown(socket.SHUT_RDWR)  # ends accept()
+        for one in (self.server, *self.copied):
+            one.close()
 
 
 class TwoArms(unittest.TestCase):
@@ -59,6 +100,58 @@ class TwoArms(unittest.TestCase):
             self.run_["nothing"]
         self.assertIn("left_joint", str(missing.exception))
 
+    def test_a_stop_needs_nothing_of_its_client(self):
+        other = mp.connect(self.run_.connection.path)
+        other.close()
+        with self.assertWarnsRegex(UserWarning, "there is no arm 'lefd'.*: all arms are stopped"):
+            other.stop("lefd")
+        self.assertEqual([arm.stopped for arm in self.run_.state().arms.values()], [True, True])
+        self.assertIn("until resume", self.run_.lost_by("left_joint", self.left.state))
+
+    def test_a_stop_needs_neither_the_folder_nor_the_file_of_its_socket(self):
+        path = self.run_.connection.path
+        before = os.getcwd()
+        os.chdir(path.parent)
+        try:
+            client = mp.connect(path.name)
+            os.chdir("/")
+            client.stop("left")
+            self.assertTrue(client.arms["left"].state.stopped)
+        finally:
+            os.chdir(before)
+        away = path.with_suffix(".away")
+        path.rename(away)
+        try:
+            client.stop("right")
+            self.assertTrue(client.arms["right"].state.stopped)
+        finally:
+            away.rename(path)
+            client.close()
+
+    def test_a_stop_of_asyncio_needs_no_free_thread(self):
+        async def stopped():
+            asyncio.get_running_loop().set_default_executor(concurrent.futures.ThreadPoolExecutor(1))
+            client = await mp.aio.connect(self.run_.connection.path)
+            goes_on = threading.Event()
+            waiting = asyncio.ensure_future(client.in_thread(goes_on.wait))
+            await client.stop()
+            goes_on.set()
+            await waiting
+            await client.close()
+
+        asyncio.run(stopped())
+        self.assertEqual([arm.stopped for arm in self.run_.state().arms.values()], [True, True])
+
+    def test_why_an_arm_was_removed_from_its_law_outlasts_clamps(self):
+        pose = self.law.stream("pose")
+        pose.send(self.left.state.pose)
+        until(lambda: self.left.state.held, "the hold after silence")
+        until(lambda: self.left.state.removed_by == "reference_stale", "its reason")
+        with self.assertRaises(mp.Refused) as refused:
+            until(lambda: pose.send(self.left.state.pose) is None, "a refusal")
+        self.assertIn("left_hold owns now: reference stale", refused.exception.reason)
+        pose.close()
+
     def test_parameters_are_attributes_with_units_and_bounds(self):
         self.law.translational_stiffness_n_per_m = 350
         np.testing.assert_array_equal(self.law.translational_stiffness_n_per_m, [350, 350, 350])
@@ -84,11 +177,15 @@ class TwoArms(unittest.TestCase):
         with self.assertRaises(mp.Refused) as caught:
             self.law.damping_ratio = 50
         self.assertEqual(caught.exception.verdict, "out_of_bounds")
-        self.assertIn("0.1 to 2", caught.exception.reason)
+        self.assertIn("0.1 to 2, found 50", caught.exception.reason)
         with self.assertRaisesRegex(AttributeError, "did you mean damping_ratio"):
             self.law.damping_ration = 1
         with self.assertRaisesRegex(AttributeError, "no parameter 'name'"):
             self.law.name = "other"
+        with self.assertRaisesRegex(AttributeError, "did you mean translational_stiffness_n_per_m or rotational_s"):
+            self.law.stiffness  # noqa: B018
+        with self.assertRaisesRegex(AttributeError, "left_cartesian has no parameter 'tank'; it has: translational_s"):
+            self.law.tank  # noqa: B018
         with self.assertRaisesRegex(ValueError, "finite"):
             self.law.damping_ratio = float("nan")
         with self.assertRaisesRegex(TypeError, "expected numbers"):
@@ -131,11 +228,39 @@ class TwoArms(unittest.TestCase):
         state = self.run_["right_joint"].goal("joints", q, duration_s=0.3).wait(PATIENCE)
         self.assertLess(abs(state.q_rad - q).max(), 0.03)
 
+    def test_goals_relative_to_the_set_point(self):
+        for _ in range(3):
+            goal = self.law.set_point("pose").moved(z=0.02)
+            self.law.goal("pose", goal).wait(PATIENCE)
+            until(lambda goal=goal: self.law.set_point("pose").is_close(goal, 1e-9, 1e-7), "the set-point is there")
+        with self.assertRaises(mp.Refused) as caught:
+            self.run_["left_joint"].set_point("joints")
+        self.assertEqual(caught.exception.verdict, "not_active")
+        self.run_.switch("left_joint")
+        state = self.run_["left_joint"].goal("joints", self.left.home_rad).wait(PATIENCE)
+        np.testing.assert_allclose(state.q_rad, [0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4], atol=0.03)
+
     def test_goals_that_do_not_arrive(self):
         start = self.left.state.pose
         goal = self.law.goal("pose", start.moved(z=0.1), duration_s=20)
-        with self.assertRaisesRegex(mp.Timeout, r"left is .* mm .* away from its goal"):
+        with self.assertRaisesRegex(
+            mp.Timeout, r"left is .* mm .* away from its goal.*longer than asked, within its limits .duration_s: 20.0 s"
+        ):
             goal.wait(0.05)
+        # Into the table, which is at z = 0.2 m.
+        below = mp.Pose([0.6, start.position_m[1], 0.02], start.quaternion_wxyz)
+        goal = self.law.goal("pose", below)
+
+        def behind():
+            record = self.run_.record()
+            return np.linalg.norm(record["left_cartesian/pose"][:3] - record["left/position_m"])
+
+        until(lambda: behind() > 0.08, "contact")
+        with self.assertRaisesRegex(
+            mp.Timeout, "its set-point .* something is in the way, its reach or a joint's range ends there"
+        ):
+            goal.wait(0.05)
+        goal = self.law.goal("pose", start.moved(z=0.1), duration_s=20)
         self.left.stop()
         until(lambda: self.left.state.held, "hold")
         with self.assertRaisesRegex(mp.Refused, "left_cartesian lost left, which left_hold owns now"):
@@ -149,6 +274,33 @@ class TwoArms(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "4 x 4"):
             self.law.goal("pose", [1, 2, 3])
 
+    def test_a_goal_ends_at_a_contact(self):
+        """Onto the table at z = 0.2 m: it rests there, and does not press with the 60 N of the spring."""
+        start = self.left.state.pose
+        above = mp.Pose([0.6, start.position_m[1], start.position_m[2]], start.quaternion_wxyz)
+        self.law.goal("pose", above).wait(PATIENCE)
+        goal = self.law.goal("pose", above.moved(z=-0.4), duration_s=8, until={"force_n": 8})
+        state = goal.wait(PATIENCE)
+        self.assertEqual(goal.ended_by, "force_n")
+        self.assertFalse(state.held)
+        self.assertLess(abs(state.pose.position_m[2] - 0.215), 0.01)  # the fingers end 1 to 2 cm below the tool center
+        self.assertGreater(self.law.set_point("pose").position_m[2], 0.2)  # it was to go to 0.09 m
+        self.assertLess(-self.left.state["contact_wrench_n_nm"][2], 15)
+        goal = self.law.goal("pose", above, until={"distance_m": 0.02})
+        goal.wait(PATIENCE)
+        self.assertEqual(goal.ended_by, "distance_m")
+        goal = self.law.goal("pose", above, until={"distance_m": 2})
+        goal.wait(PATIENCE)
+        self.assertEqual(goal.ended_by, "")
+        for until_, why in (
+            ({}, "is empty; expected force_n or torque_nm or distance_m"),
+            ({"force": 8}, "force_n"),
+            ({"force_n": -1}, "a number above 0"),
+        ):
+            with self.assertRaisesRegex(mp.Refused, why):
+                self.law.goal("pose", above, until=until_)
+        self.law.goal("pose", start).wait(PATIENCE)
+
     def test_stop_and_resume(self):
         self.left.stop()
         self.assertTrue(self.left.state.stopped)
@@ -158,6 +310,12 @@ class TwoArms(unittest.TestCase):
         self.assertEqual(caught.exception.verdict, "arm_stopped")
         self.assertIn("resume()", caught.exception.next_step)
         self.assertEqual(self.right.state.controllet, "right_cartesian")  # another arm goes on
+        seen = self.run_.ask({"do": "state"})["state"]["stops"]
+        self.left.stop()  # of a stopped arm: answered at once
+        until(lambda: self.run_.ask({"do": "state"})["state"]["stops"] > seen, "the second stop")
+        with self.assertRaises(mp.Refused) as caught:
+            self.run_.resume("left", seen)
+        self.assertEqual(caught.exception.verdict, "arm_stopped")
         self.left.resume()
         self.assertTrue(self.left.state.held)
         self.law.activate()
@@ -195,9 +353,27 @@ class TwoArms(unittest.TestCase):
                     stream.send(start)
                     time.sleep(0.01)
             self.assertEqual(caught.exception.verdict, "not_active")
+            self.assertRegex(str(caught.exception), "lost right, which right_hold owns now: reference stale")
             self.run_.switch("right_cartesian")
             stream.send(start)
             until(lambda: stream.counts()["verdict"] == "accepted", "accepted again")
+
+    @streaming
+    def test_actions_of_a_policy(self):
+        start = self.law.set_point("pose")
+        actions = [start.moved(y=0.002 * k) for k in range(1, 13)]
+        with unless_silent(), self.law.stream("pose") as stream:
+            since_s = self.run_.state().t_s + 0.1
+            stream.follow(actions, 0.05, since_s)
+            until(lambda: self.run_.state().t_s > since_s + 0.52 or self.left.state.held, "the actions")
+            if stream.counts()["late_samples"] or self.left.state.held:
+                raise Silent
+            history = self.run_.history(1)
+            at = np.searchsorted(history.t_s, since_s + 0.05 * np.array([6, 8, 10]) - 1e-4)
+            way = history["left_cartesian/pose"][at, 1] - start.position_m[1]
+            np.testing.assert_allclose(way, [0.012, 0.016, 0.02], atol=1e-3)
+            stream.follow(actions[::-1], 0.05)  # from now on
+            self.assertEqual(stream.counts()["late_samples"], 0)
 
     @streaming
     def test_a_goal_after_a_stream_goes_on(self):
@@ -225,6 +401,26 @@ class TwoArms(unittest.TestCase):
             other["left_cartesian"].damping_ratio = 0.7
             self.assertEqual(self.law.damping_ratio, 0.7)
         self.assertTrue(self.law.active)
+
+    def test_a_forwarded_socket(self):
+        """As ssh forwards it: bytes only, no descriptors, one socket."""
+        path = harness.FOLDER / "forwarded.sock"
+        with Forwarded(path, self.run_.connection.path), mp.connect(path) as far:
+            arm, law = far.arms["left"], far["left_cartesian"]
+            start = arm.state.pose
+            law.goal("pose", start.moved(z=0.02), duration_s=0.3).wait(PATIENCE)
+            until_ = {"force_n": 10}
+            for call in (
+                far.record,
+                lambda: law.set_point("pose"),
+                lambda: law.stream("pose"),
+                lambda: law.goal("pose", start, until=until_),
+            ):
+                with self.assertRaises(mp.Refused) as caught:
+                    call()
+                self.assertEqual(caught.exception.verdict, "not_local")
+            self.assertTrue(law.active)
+            self.assertEqual(far.ask({"do": "channels"})["channels"], [])
 
     def test_a_client_that_fails_leaves_its_arms_in_hold(self):
         with self.assertRaisesRegex(ValueError, "mine"), mp.connect() as other:
@@ -264,10 +460,16 @@ class TwoArms(unittest.TestCase):
 
     def test_the_simulation(self):
         self.run_.place("box", [0.6, 0.05, 0.3])
+        self.run_.place("box", mp.Pose.at([0.6, 0.05, 0.3], rpy_rad=[0, 0, 0.4]))
         with self.assertRaisesRegex(mp.Refused, "box"):
             self.run_.place("boxx", [0.6, 0, 0.3])
         self.run_.pause()
+        self.run_.place("box", mp.Pose.at([0.6, 0.05, 0.5], rpy_rad=[0, 0, 0.4]))
         self.run_.step(5)
+        # It has fallen for 5 ms.
+        self.assertTrue(
+            self.run_.objects()["box"].is_close(mp.Pose.at([0.6, 0.05, 0.5], rpy_rad=[0, 0, 0.4]), 2e-4, 1e-4)
+        )
         self.run_.pause(False)
 
     def test_load_and_frames(self):
@@ -310,6 +512,76 @@ class TwoArms(unittest.TestCase):
         self.assertIn("<td>left_cartesian</td>", page)
 
 
+class OneArm(unittest.TestCase):
+    def test_waypoints(self):
+        """Each goal is set while the hand is near the place before it, which the log shows."""
+        with mp.run("one_arm", record=harness.FOLDER) as run:
+            start = run["cartesian"].set_point("pose")
+            places = [start.moved(z=0.08), start.moved(y=0.08, z=0.08), start.moved(y=0.08)]
+            state = run["cartesian"].through("pose", places, timeout_s=PATIENCE)
+            self.assertTrue(state.pose.is_close(places[-1], 0.01, 0.03))
+        log = mp.read_log(run.log)
+        goals = [event for event in log.events if event["kind"] == "target_set"]
+        np.testing.assert_allclose([goal["values"] for goal in goals], [place.values for place in places])
+        poses = log["arm/model/pose_position"]
+        for goal, place in zip(goals[1:], places, strict=False):
+            at = np.searchsorted(log["arm/model/cycle"], goal["cycle"]) - 1
+            self.assertLess(np.linalg.norm(poses[at] - place.position_m), 0.035)
+
+    def test_a_goal_knows_how_long_it_takes(self):
+        """As long as the set-point moves in the log: from the goal's cycle until its rate is zero."""
+        goals = []
+        with mp.run("one_arm", record=harness.FOLDER) as run:
+            law, joint = run["cartesian"], run["joint"]
+
+            def moves(law, name, values, bound, duration_s=None):
+                goals.append(law.goal(name, values, duration_s=duration_s))
+                self.assertEqual(goals[-1].bounded_by, bound)
+                goals[-1].wait(PATIENCE)
+                rate = f"{law.name}/{name}"
+                until(
+                    lambda: np.allclose(run.record()[rate], goals[-1].values, rtol=0, atol=1e-12),
+                    "the set-point is there",
+                )
+
+            start = law.set_point("pose")
+            moves(law, "pose", start.moved(z=0.2), "0.25 m/s", 1)  # the scene's own 0.3 m/s are lowered
+            moves(law, "pose", start.moved(z=0.1), "duration_s", 2)
+            moves(law, "pose", start.moved(z=0.1).turned([0, 0, 1]), "1 rad/s")
+            run.switch("joint")
+            moves(joint, "joints", joint.set_point("joints") + [0, 0, 0, 0, 0, 0, 0.6], "0.5 rad/s")
+        log = mp.read_log(run.log)
+        ends = [goal.accepted_at_s for goal in goals[1:]] + [math.inf]
+        for goal, end in zip(goals, ends, strict=True):
+            topic = f"{goal.controllet.name}/{goal.spec['name']}"
+            t, rate = log.t(f"{topic}/rate"), np.abs(log[f"{topic}/rate"]).max(axis=1)
+            moving = t[(rate > 1e-9) & (t > goal.accepted_at_s - 1e-4) & (t < end - 1e-4)]
+            self.assertAlmostEqual(moving[-1] - moving[0], goal.shortest_s, delta=0.004)
+
+    def test_values_of_the_scene(self):
+        settings = {
+            "controllets.cartesian.inputs.pose.timeout_s": 0.6,
+            "controllets.cartesian.parameters.translational_stiffness_n_per_m": np.array([300, 310, 320.0]),
+        }
+        with mp.run("one_arm", settings=settings) as run:
+            law = run["cartesian"]
+            np.testing.assert_array_equal(law.translational_stiffness_n_per_m, [300, 310, 320])
+            with law.stream("pose") as stream:
+                self.assertEqual(stream.timeout_s, 0.6)
+                begin = run.state().t_s
+                stream.send(law.set_point("pose"))
+                until(lambda: run.arms["arm"].state.held, "hold after silence")
+            silent = [e for e in run.history(4)["t_ns"] * 1e-9 if e >= begin]
+            self.assertGreater(len(silent), 590)  # cycles until the hold; with the scene's own 0.1 s they are 100
+        for key, message in (
+            ("controllets.cartesia.inputs", "no 'cartesia'; did you mean 'cartesian'"),
+            ("contact_bounds.speed", "there is no 'contact_bounds'"),
+            ("arms.arm.modell", "unknown key 'modell'"),
+        ):
+            with self.assertRaisesRegex(mp.Refused, message):
+                mp.run("one_arm", settings={key: 1})
+
+
 class Gripper(unittest.TestCase):
     def test_moves_and_refuses(self):
         with mp.run("grippers") as run:
@@ -334,26 +606,6 @@ class Gripper(unittest.TestCase):
             if run.arms["arm"].state.gripper is None:
                 with self.assertRaises(mp.Refused):
                     run.arms["arm"].gripper.state  # noqa: B018
-
-
-class Poses(unittest.TestCase):
-    def test_matrix_and_back(self):
-        random = np.random.default_rng(3)
-        for _ in range(200):
-            quaternion = random.normal(size=4)
-            quaternion /= np.linalg.norm(quaternion)
-            pose = mp.Pose(random.normal(size=3), quaternion)
-            # Rodrigues' formula, of angle and axis, gives the rotation another way.
-            angle = 2 * np.arctan2(np.linalg.norm(quaternion[1:]), quaternion[0])
-            x, y, z = quaternion[1:] / np.linalg.norm(quaternion[1:])
-            k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-            expected = np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
-            np.testing.assert_allclose(pose.rotation, expected, atol=1e-12)
-            again = mp.Pose.of(pose.matrix)
-            np.testing.assert_allclose(again.position_m, pose.position_m)
-            self.assertLess(again.angle_to(pose), 1e-6)
-        turned = mp.Pose.of([0, 0, 0, np.cos(0.2), 0, 0, np.sin(0.2)])
-        self.assertAlmostEqual(turned.angle_to(mp.Pose.of(np.eye(4))), 0.4)
 
 
 class Surface(unittest.TestCase):

@@ -14,7 +14,7 @@ import multipanda as mp
 from harness import ROOT, until
 
 sys.path.insert(0, str(ROOT / "tools"))
-import build_site  # noqa: E402  it makes environments from pinned packages
+import build_site
 
 harness.PATIENCE = 300  # [s]; jobs and workers start slowly on a busy computer
 

@@ -137,7 +137,7 @@ class Examples(unittest.TestCase):
 
     def test_each_is_tested_and_listed(self):
         tests = pathlib.Path(__file__).read_text(encoding="utf-8")
-        page = (ROOT / "docs" / "python_examples.md").read_text(encoding="utf-8")
+        page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
         names = sorted(path.name for path in (ROOT / "examples" / "python").glob("*.py"))
         self.assertGreater(len(names), 7)
         for name in names:

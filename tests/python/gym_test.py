@@ -88,6 +88,7 @@ class Checkers(unittest.TestCase):
         first, _ = sync.reset(seed=5)
         second, _ = own.reset(seed=5)
         np.testing.assert_array_equal(first, second)
+        self.assertEqual(own.unwrapped.np_random_seed, sync.np_random_seed)
         sync.action_space.seed(5)
         for k in range(85):  # beyond the end of the episode, which both begin again in the next step
             action = sync.action_space.sample()
@@ -219,6 +220,9 @@ class Ends(unittest.TestCase):
             envs.step(zero)
         envs.reset(options={"reset_mask": truncated})
         envs.step(zero)
+        seeds = [7, None, 9]
+        envs.reset(seed=seeds)
+        self.assertEqual(envs.unwrapped.np_random_seed, (7, 2, 9))  # the second goes on with its own
         envs.close()
 
     def test_a_stopped_arm_ends_the_episode(self):
@@ -267,7 +271,7 @@ class Solvable(unittest.TestCase):
         envs.close()
         force = -10 * observations[:, :, width + task.privileged_names.index("arm_true_fz [10 N]")]
         desired = np.array(
-            [10 * Observed(task, o[:, :width])["desired force [10 N], 0 while it is to hover"] for o in observations]
+            [10 * Observed(task, o[:, :width])["desired force [10 N], 0 for hovering"] for o in observations]
         )
         middle = slice(32, 48)  # from 1.1 s after the press begins to 0.1 s before its end
         error = np.sqrt(np.mean((force - desired)[middle] ** 2, axis=0))

@@ -115,6 +115,13 @@ def line_of(function, marker="# HERE"):
 
 
 @needs_numba
+def limited(M, K, most, least=-np.inf):
+    """K with its modes, the eigenvalues of (K, M), within bounds."""
+    L = np.linalg.cholesky(M)
+    modes, U = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, K).T))
+    return L @ U @ np.diag(np.clip(modes, least, most)) @ (L @ U).T
+
+
 class Torques(unittest.TestCase):
     def replay(self, law, count, seed):
         """Samples of the program, by the native code of this process and by the Python function."""
@@ -167,7 +174,13 @@ class Torques(unittest.TestCase):
                 continue
             values = {name: given[name] for name in impedance.declaration.parameters}
             tau = impedance.evaluate(arm, inputs=sample["inputs"], parameters=values).tau
-            tau = tau + np.array(given["damping_nms_per_rad"]) * (dq - before)  # its D sees a filtered velocity
+            # The program softens and damps what the arm would not bear (damping_design.hpp); D sees filtered velocity.
+            M, K, D = np.array(arm["M"]), np.diag(given["stiffness_nm_per_rad"]), np.diag(given["damping_nms_per_rad"])
+            soft, damped = limited(M, K, 150.0**2), limited(M, D, 500.0)
+            damped = damped + limited(M, 0.01 * soft - damped, np.inf, 0.0)
+            desired = sample["inputs"]["joints"]
+            tau = tau + (soft - K) @ (np.array(desired["q"]) - arm["q"])
+            tau = tau + damped @ (np.array(desired["dq"]) - before) - D @ (np.array(desired["dq"]) - dq)
             np.testing.assert_allclose(tau, arm["tau"], rtol=1e-9, atol=1e-9)
         self.assertIn((2, 1.0), seen)
 
@@ -509,7 +522,7 @@ AT_ONCE = (
     (loop_over_a_choice, "its length is not known"),
     (loop_over_the_length_of_a_range, "range outside of a loop"),
     (pass_a_range, "range outside of a loop"),
-    (shadows_len, "len is a name of Python"),
+    (shadows_len, "len hides a Python name"),
     (loop_over_a_call, "iter: it needs Python"),
     (makes_a_list, "a list: it allocates"),
     (makes_a_comprehension, "it allocates"),
@@ -526,7 +539,7 @@ AT_ONCE = (
     (knows_no_such_name, "not defined"),
     (reads_a_file, "open: it needs Python"),
     (calls_c, "LIBC"),
-    (returns, "returns nothing"),
+    (returns, "must not return a value"),
 )
 WHEN_COMPILED = (
     (makes_a_product, "allocates"),

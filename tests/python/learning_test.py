@@ -107,7 +107,7 @@ class Learning(unittest.TestCase):
 
     def test_each_is_tested_and_listed(self):
         tests = pathlib.Path(__file__).read_text(encoding="utf-8")
-        page = (ROOT / "docs" / "learning_to_arm.md").read_text(encoding="utf-8")
+        page = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
         names = sorted(path.name for path in (ROOT / "examples" / "learning").glob("*.py"))
         self.assertEqual(len(names), 6)
         for name in names:
@@ -116,7 +116,7 @@ class Learning(unittest.TestCase):
 
     def test_the_page(self):
         """The lines that the page of the environments begins with."""
-        page = (ROOT / "docs" / "gymnasium.md").read_text(encoding="utf-8")
+        page = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
         code = re.search(r"```python\n(.*?)```", page, re.S).group(1)
         subprocess.run([sys.executable, "-c", code], check=True, timeout=PATIENCE, cwd=FOLDER)
 

@@ -332,6 +332,7 @@ class Export(unittest.TestCase):
             ((brief, "--lerobot", out, "--leader", "left"), 2, "ARM=LEADER"),
             ((brief, "--lerobot", out, "--action", "twist"), 2, "twist"),
             ((brief, "--lerobot", out, "--fps", "0"), 2, "fps"),
+            ((brief, "--lerobot", out, "--fps", "29.97"), 2, "expected a whole number of frames per second"),
             ((brief, plain, "--csv"), 2, "only --lerobot takes several"),
             ((brief, "--csv", "--fps", "30"), 2, "--lerobot"),
         ):

@@ -274,7 +274,7 @@ class Studies(unittest.TestCase):
             ("{scene: one_arm, experiment: task-1}", "one of the keys"),
             ("{scene: no_scene}", "no scene"),
             ("{scene: one_arm, axes: [{name: a, key: plant.fidelity, values: [ideal, wrong]}]}", "choice 'wrong'"),
-            ("{scene: one_arm, set: {controllets.nothing.type: x}}", "leads nowhere"),
+            ("{scene: one_arm, set: {controllets.nothing.type: x}}", "does not exist"),
             ("{experiment: task-1, vary: [{key: a, by: 1}]}", "no meaning"),
         ):
             done = self.command(self.file(text), "--out", self.out, expect=2)
@@ -440,9 +440,11 @@ sys.exit(3 if mode == "bad" else 0)
 
     def test_a_process_pool_names_what_it_refuses(self):
         other = self.folder / "multipanda"
-        shutil.copy2(os.environ["MULTIPANDA_PROGRAM"], other)
-        with open(other, "ab") as file:
-            file.write(b"\n")
+        own = pathlib.Path(os.environ["MULTIPANDA_PROGRAM"])
+        for name in ("multipanda", "multipanda-lab"):  # the first starts the second for studies
+            shutil.copy2(own.parent / name, self.folder)
+            with open(self.folder / name, "ab") as file:
+                file.write(b"\n")
         with concurrent.futures.ProcessPoolExecutor(1, initializer=_use, initargs=(str(other),)) as pool:
             with self.assertRaises(mp.Refused) as caught:
                 mp.study(self.file(), pool, out=self.out, page=False)

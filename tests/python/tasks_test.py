@@ -12,6 +12,7 @@ import harness  # first: it sets the paths
 import numpy as np
 from harness import ROOT
 from multipanda import ArmState, GripperState, Pose, Refused, RunState, Timeout
+from multipanda.rotations import compose
 from multipanda.tasks import (
     TASKS,
     ActionMapping,
@@ -24,56 +25,13 @@ from multipanda.tasks import (
     WrenchPart,
 )
 from multipanda.tasks import drive as driving
-from multipanda.tasks.rotations import compose, exponential, from_rpy, inverse, logarithm
-
-
-def rodrigues(vector):
-    """The rotation matrix of a rotation vector, by Rodrigues' formula."""
-    angle = np.linalg.norm(vector)
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * k @ k
-
-
-def homogeneous(rotation, position):
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, position
-    return matrix
-
-
-def random_pose(random):
-    """A pose as seven numbers and as a matrix, made from Rodrigues' formula."""
-    matrix = homogeneous(rodrigues(random.normal(size=3)), random.normal(size=3))
-    return Pose.of(matrix).values, matrix
+from poses import homogeneous, random_pose, rodrigues
 
 
 def states_of(poses, joints=None):
     count = len(poses)
     q = np.zeros((count, 7)) if joints is None else joints
     return ArmStates(q, np.zeros((count, 7)), np.asarray(poses), np.zeros((count, 6)), np.zeros((count, 2)))
-
-
-class Rotations(unittest.TestCase):
-    def test_against_matrices(self):
-        random = np.random.default_rng(1)
-        for _ in range(200):
-            (a, a_matrix), (b, b_matrix) = random_pose(random), random_pose(random)
-            np.testing.assert_allclose(Pose.of(compose(a, b)).matrix, a_matrix @ b_matrix, atol=1e-12)
-            np.testing.assert_allclose(Pose.of(inverse(a)).matrix, np.linalg.inv(a_matrix), atol=1e-12)
-            vector = random.normal(size=3)
-            vector *= min(1, 3.1 / np.linalg.norm(vector))
-            quaternion = exponential(vector)
-            np.testing.assert_allclose(Pose(np.zeros(3), quaternion).rotation, rodrigues(vector), atol=1e-12)
-            np.testing.assert_allclose(logarithm(-quaternion), vector, atol=1e-9)
-            roll, pitch, yaw = random.uniform(-1.5, 1.5, 3)
-            expected = rodrigues(np.array([0, 0, yaw])) @ rodrigues(np.array([0, pitch, 0])) @ rodrigues([roll, 0, 0])
-            got = Pose(np.zeros(3), from_rpy(np.array([roll, pitch, yaw]))).rotation
-            np.testing.assert_allclose(got, expected, atol=1e-12)
-
-    def test_no_rotation(self):
-        np.testing.assert_array_equal(logarithm(exponential(np.zeros((2, 3)))), np.zeros((2, 3)))
 
 
 class Mapping(unittest.TestCase):
@@ -269,7 +227,7 @@ class Tasks(unittest.TestCase):
                     self.assertIn(f"name: {controllet}", text)
 
     def test_they_are_listed(self):
-        page = (ROOT / "docs" / "gymnasium.md").read_text(encoding="utf-8")
+        page = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
         for name in TASKS:
             self.assertIn(f"multipanda/{name}-v0", page)
 
@@ -299,7 +257,7 @@ class FakeRun:
         arms = {
             name: ArmState(
                 name, self.now, self.owner[name], "move", name in self.stopped, zeros, zeros, zeros, zeros,
-                Pose.of(pose), np.zeros(6), 0.0, (), "", 0, "", self.gripper,
+                Pose.of(pose), np.zeros(6), 0.0, (), "", 0, "", "", self.gripper,
             )
             for name, pose in self.poses.items()
         }  # fmt: skip

@@ -15,7 +15,7 @@ import multipanda as mp
 import numpy as np
 from harness import FOLDER, PATIENCE, ROOT, Silent, streaming, until
 from multipanda.jog import force_limited, jogged, shaped
-from multipanda.space_mouse import Grip, _Jog, find_space_mouse
+from multipanda.space_mouse import Grip, find_space_mouse
 from space_mouse_device import Device, buttons, motion
 
 AWAY = (0, -350, 0, 0, 0, 0)  # the device's y is towards the operator
@@ -227,7 +227,7 @@ class Reading(unittest.TestCase):
             self.assertTrue(grip.held)
             for report in [*motion(AWAY) * 12, buttons(0)]:
                 os.write(device._writer, report)
-            _Jog.look_up(None, mouse, grip)
+            grip.read(mouse)
             self.assertFalse(grip.held)
 
     def test_who_has_not_looked_for_long_needs_a_new_press(self):

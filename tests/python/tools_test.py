@@ -136,6 +136,20 @@ class Asyncio(unittest.TestCase):
                     await run.ask({"do": "nothing"})
                 await run.stop()
                 await run.resume()
+                law, arm = run["cartesian"], run.arms["arm"]
+                await run.switch("cartesian", only=True)
+                goal = await law.goal("pose", (await arm.state).pose.moved(z=-0.01), duration_s=0.3)
+                self.assertFalse((await goal.wait(PATIENCE)).held)
+                await law.set("damping_ratio", 0.8)
+                self.assertEqual((await law.damping_ratio, arm.name, law.arms), (0.8, "arm", ("arm",)))
+                with self.assertRaisesRegex(mp.Refused, "no gripper"):
+                    await arm.gripper.state
+                events = await run.events()
+                await arm.stop()
+                async for event in events:
+                    self.assertTrue(event.kind)
+                    break
+                await arm.resume()
                 async with await aio.connect() as other:
                     await other.switch("joint")
                     self.assertEqual((await other.ask({"do": "list"}))["scene"], "one_arm")

@@ -32,7 +32,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 ROS = ROOT / "ros"
 URDF = ROS / "multipanda_description" / "urdf"
 sys.path.insert(0, str(ROS / "multipanda_bringup"))
-from multipanda_bringup import arms as bringup  # noqa: E402
+from multipanda_bringup import arms as bringup
 
 LAYOUTS = {
     "single": ["arm"],
@@ -143,7 +143,7 @@ class Description(unittest.TestCase):
 
     def test_other_models_without_hand(self):
         rng = np.random.default_rng(6)
-        for model in ("fr3", "fer_maker"):
+        for model in ("fr3", "fr3v2"):
             robot = Robot(
                 expand(
                     URDF / "arms.urdf.xacro",
@@ -422,7 +422,7 @@ class MoveIt(unittest.TestCase):
     def test_parameters_name_what_exists(self):
         data = yaml.safe_load((self.CONFIG / "arm.yaml").read_text())
         for model, values in data["joint_accelerations"].items():
-            file = {"fer_maker": "fer"}.get(model, model)  # which takes the limits of its base
+            file = {"fr3v2": "fr3"}.get(model, model)  # which takes the limits of its base
             limits = yaml.safe_load((ROOT / f"models/{file}.yaml").read_text())["interface_limits"]
             self.assertEqual(values, [float(x) for x in limits["acceleration_rad_per_s2"]], model)
         arms = bringup.arms_from("left right", hands="true false")

@@ -63,9 +63,8 @@ class Environment(unittest.TestCase):
 
     def test_python_imports_the_messages_of_the_build(self):
         program = (
-            "import rclpy, multipanda_msgs.srv, multipanda_msgs.action, control_msgs.action, tf2_msgs.msg,"
-            " visualization_msgs.msg;"
-            " print(multipanda_msgs.__file__)"
+            "import rclpy, multipanda_msgs.srv, multipanda_msgs.action, control_msgs.action, tf2_msgs.msg, "
+            "visualization_msgs.msg; print(multipanda_msgs.__file__)"
         )
         path = {} if pathlib.Path(BUILD).resolve() == ROOT / "build" else {"PYTHONPATH": f"{BUILD}/python"}
         found = output(ROOT / ".venv/bin/python", "-c", program, **path).strip()

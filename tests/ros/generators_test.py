@@ -23,9 +23,9 @@ except ImportError as missing:
     print(f"skipped: this Python has no ROS interfaces of this build: {missing}")
     sys.exit(77)
 
-from geometry_msgs.msg import PoseStamped  # noqa: E402
-from multipanda_msgs.msg import RobotState  # noqa: E402
-from multipanda_msgs.srv import SwitchControllets  # noqa: E402
+from geometry_msgs.msg import PoseStamped
+from multipanda_msgs.msg import RobotState
+from multipanda_msgs.srv import SwitchControllets
 
 # Generous timeouts, since a publisher may have to wait on a busy machine.
 SCENE = """\

@@ -17,7 +17,7 @@ except ImportError as missing:
 
 from actions_cases import Gripper, Motions  # noqa: E402, F401
 from inputs_cases import Inputs  # noqa: E402, F401
-from ros_case import RosCase  # noqa: E402
+from ros_case import RosCase
 from services_cases import ArmServices, ModeServices, Parameters, Simulation  # noqa: E402, F401
 from topics_cases import EXPECTED, Topics  # noqa: E402, F401
 
@@ -60,7 +60,7 @@ SERVICES += [
 ]
 SERVICES += [f"/{arm}_arm_controller/follow_joint_trajectory/_action/send_goal" for arm in ("left", "right")]
 SERVICES += [f"/simulation/{name}" for name in ("pause", "step", "reset", "place_objects")]
-UP = 5 * 6  # [s]; the claim is 5 s on an idle machine (docs/benchmarks.md), and here others may use the cores
+UP = 5 * 6  # [s]; the claim is 5 s on an idle machine (docs/results/benchmarks.md), and here others may use the cores
 
 
 def begin():

@@ -24,8 +24,8 @@ except ImportError as missing:
     print(f"skipped: this Python has no ROS interfaces of this build: {missing}")
     sys.exit(77)
 
-from geometry_msgs.msg import PoseStamped  # noqa: E402
-from multipanda_msgs.msg import LoopStatistics, RobotState  # noqa: E402
+from geometry_msgs.msg import PoseStamped
+from multipanda_msgs.msg import LoopStatistics, RobotState
 
 SECONDS = 60 if os.environ.get("MULTIPANDA_FULL") == "1" else 10
 ARMS = ("left", "right")
@@ -117,9 +117,8 @@ class Load(unittest.TestCase):
         dropped, accepted = end.records_dropped - begin.records_dropped, end.samples_accepted - begin.samples_accepted
         plain = [run["overruns"] / run["cycles"] for run in (before, after)]
         print(
-            f"{SECONDS} s, two arms: overruns per cycle {overruns / cycles:.4f} with ROS, "
-            f"{plain[0]:.4f} before and {plain[1]:.4f} after without; "
-            f"cycle time median {end.cycle_time_median * 1e6:.0f} us with, "
+            f"{SECONDS} s, two arms: overruns per cycle {overruns / cycles:.4f} with ROS, {plain[0]:.4f} before and "
+            f"{plain[1]:.4f} after without; cycle time median {end.cycle_time_median * 1e6:.0f} us with, "
             f"{before['cycle_us']['median']:.0f} and {after['cycle_us']['median']:.0f} us without; "
             f"{messages / cycles:.2f} messages per cycle, {failed} failed, {dropped} of {cycles} cycles dropped; "
             f"client: sent {client['sent_hz']:.0f} Hz to each arm, received {client['taken_hz']:.0f} Hz",

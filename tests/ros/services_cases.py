@@ -1,5 +1,7 @@
 """Every service and every parameter, including their refusals."""
 
+import os
+import signal
 import time
 
 import kinematics
@@ -145,12 +147,48 @@ class ModeServices(RosCase):
         refused = self.switch("left_pose")
         self.assertEqual(refused.verdict, "arm_stopped")
         self.refused(refused, "left", "resume")
-        self.assertEqual(self.call(StopArms, f"{NODE}/stop", arms=["lef"]).verdict, "unknown_arm")
+        seen = self.owned("left", "left_hold").stops
+        wrong = self.call(StopArms, f"{NODE}/stop", arms=["lef"])
+        self.assertEqual(self.call(ResumeArms, f"{NODE}/resume", stops=seen).verdict, "arm_stopped")
+        self.assertEqual((wrong.accepted, list(wrong.stopped)), (True, ["left", "right"]))
+        self.assertIn("there is no arm 'lef'", wrong.reason)
         self.assertEqual(self.call(ResumeArms, f"{NODE}/resume", arms=["middle"]).verdict, "unknown_arm")
         self.assertTrue(self.call(ResumeArms, f"{NODE}/resume").accepted)  # all
         self.wait(lambda: not self.states("left").newest().stopped, "the end of the stop")
         self.assertEqual(self.state("left").owner, "left_hold")
-        self.switched("left_pose")
+        self.switched("left_pose", "right_pose")
+
+    def test_nothing_acts_that_was_asked_while_the_run_stood_still(self):
+        self.call(SwitchControllets, f"{NODE}/switch_controllets", only=True)
+        services = [
+            (ResumeArms, f"{NODE}/resume", {}),
+            (SwitchControllets, f"{NODE}/switch_controllets", {"activate": ["left_pose", "right_pose"]}),
+            (SetBool, "/left/set_user_stop", {"data": False}),
+            (SetBool, "/right/set_user_stop", {"data": True}),  # what ends a motion counts
+        ]
+        clients = [self.client.made(self.client.node.create_client, kind, name) for kind, name, _ in services]
+        for client in clients:
+            self.assertTrue(client.wait_for_service(30))
+        os.kill(self.run_.process.pid, signal.SIGSTOP)
+        try:
+            asked = [client.call_async(kind.Request(**fields)) for client, (kind, _, fields) in zip(clients, services)]
+            time.sleep(2)
+        finally:
+            os.kill(self.run_.process.pid, signal.SIGCONT)
+        for future in asked:
+            self.wait(future.done, "an answer")
+        answers = [future.result() for future in asked]
+        self.assertEqual([answer.verdict for answer in answers[:2]], ["timeout", "timeout"])
+        self.assertRegex(answers[2].message, "stood still|asked too long ago")
+        self.assertTrue(answers[3].success, answers[3].message)
+        self.assertTrue(self.owned("left", "left_hold").stopped)
+        time.sleep(0.5)  # what may wait for a while longer
+        self.assertEqual(self.state("left").mode, RobotState.MODE_MOVE)
+        self.assertEqual(self.state("right").mode, RobotState.MODE_USER_STOPPED)
+        self.recover_all()
+        self.switched("left_pose", "right_pose")
+        for client in clients:
+            self.client.made(self.client.node.destroy_client, client)
 
 
 class Parameters(RosCase):

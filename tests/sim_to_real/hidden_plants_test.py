@@ -27,7 +27,7 @@ PACKAGE = pathlib.Path(__file__).resolve().parents[2] / "python"
 sys.path.insert(0, str(PACKAGE))
 os.environ["PYTHONPATH"] = str(PACKAGE)  # of workers
 
-import multipanda as mp  # noqa: E402  the path comes first
+import multipanda as mp
 
 VARIANTS = {"task-1": None, "task-2": None, "task-3": "k10", "task-4": "mu03_k10", "task-5": "known"}
 REPEATS = 3

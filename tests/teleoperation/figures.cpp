@@ -88,9 +88,12 @@ Trial disturbed(Trial trial, std::uint32_t seed) {
     bool holds;
   };
   auto stops = std::make_shared<std::vector<Stop>>();
+  const auto place = [&] {
+    const double z = between(-0.05, 0.02), y = between(-0.04, 0.04);
+    return Vector3(between(-0.04, 0.04), y, z);
+  };
   for (double t = 0.5; t < 8; t += between(0.4, 1.0)) {
-    stops->push_back(
-        {t, Vector3(between(-0.04, 0.04), between(-0.04, 0.04), between(-0.05, 0.02)), between(0, 1) > 0.15});
+    stops->push_back({t, place(), between(0, 1) > 0.15});
   }
   const auto current = [stops](double t) {
     std::size_t i = 0;

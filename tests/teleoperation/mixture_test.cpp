@@ -18,6 +18,7 @@ namespace {
 
 // Nobody leads by hand here: an undeclared load draws the leaders down, and the followers follow them.
 const char* const kScene = R"(
+plant: {rotor_inertia_hidden: 0}  # as of virtual arms
 arms:
   - {name: lead_one, base: {position_m: [0, 1, 0]}, load_present: {mass_kg: 0.3}}
   - {name: one, base: {position_m: [0, -1, 0]}}

@@ -1,4 +1,4 @@
-// Prints the figures of docs/controllets/teleoperation.md and of the followers' pages.
+// Prints the figures of followers and teleoperation in docs/results/control.md.
 #include <cmath>
 
 #include <fmt/format.h>

@@ -1,7 +1,7 @@
 #pragma once
 
 // Accuracy of the estimated forces: arms in MuJoCo under known forces, with the observer as in the control
-// cycle. Used by forces_test and by force_figures, which prints the figures of docs/forces.md.
+// cycle. Used by forces_test and by force_figures, which prints the figures of docs/results/control.md.
 #include <deque>
 #include <functional>
 #include <string>

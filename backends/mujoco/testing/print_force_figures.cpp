@@ -1,4 +1,4 @@
-// Prints the figures of docs/forces.md as Markdown.
+// Prints the figures of docs/results/control.md as Markdown.
 #include <cstdio>
 
 #include "backends/mujoco/testing/forces_rig.hpp"

@@ -37,6 +37,7 @@ struct Arm {
 inline void any_joints(MotionLimits& limits) {
   limits.dq_max.setConstant(1e6);
   limits.ddq_max.setConstant(1e9);
+  limits.dddq_max.setConstant(1e12);
   limits.velocity_offset.resize(0);
   limits.deceleration.resize(0);
 }

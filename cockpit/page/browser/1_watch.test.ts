@@ -1,7 +1,8 @@
 // Seeing a run, as a watcher and as the one who commands; themes, accessibility, pictures for the docs.
 import assert from "node:assert/strict";
-import { after, before, suite, test } from "node:test";
+import { after, before, suite, test, type TestContext } from "node:test";
 import {
+  activateAtOnce,
   assertAccessible,
   atRest,
   hold,
@@ -11,14 +12,20 @@ import {
   Run,
   stateOf,
   takeControl,
+  unlessTooSlow,
   until,
-  type Window_,
+  type Cockpit,
 } from "./support.ts";
 
 suite("watch", () => {
   let run: Run;
   before(async () => (run = await Run.idle("two_arms")));
   after(() => run.end());
+
+  const lead = (t: TestContext, page: Cockpit["page"]) =>
+    unlessTooSlow(t, page, async () => {
+      for (const arm of ["left", "right"]) await activateAtOnce(page, `${arm}_cartesian`);
+    });
 
   test("a page shows the scene, the arms and their state, and asks nothing of other computers", async () => {
     const { page, context, complaints } = await open(run.url);
@@ -30,7 +37,7 @@ suite("watch", () => {
       await card.getByText("Manipulability").waitFor();
     }
     await page.getByRole("img", { name: "3D view of the scene" }).waitFor();
-    await until(page, () => (window as never as Window_).cockpit.stage.pictures > 0);
+    await until(page, () => window.cockpit.stage.pictures > 0);
     assert.deepEqual(complaints, []);
     await context.close();
   });
@@ -63,7 +70,7 @@ suite("watch", () => {
     await context.close();
   });
 
-  test("control is given by request, and Stop is for everybody", async () => {
+  test("control is given by request, and Stop is for everybody", async (t) => {
     const first = await open(run.url);
     const second = await open(run.url);
     await takeControl(first.page);
@@ -82,20 +89,15 @@ suite("watch", () => {
     }
     assert.equal(await first.page.getByRole("button", { name: "Resume" }).count(), 0);
     await second.page.getByRole("button", { name: "Resume" }).click();
-    await until(second.page, () =>
-      (window as never as Window_).cockpit.session.state.arms.every((arm) => !arm.stopped),
-    );
+    await until(second.page, () => window.cockpit.session.state!.arms.every((arm) => !arm.stopped));
 
     // The key works wherever the focus is.
     await first.page.getByRole("tab", { name: "Plots" }).click();
     await first.page.getByLabel("Quantity to plot").focus();
     await first.page.keyboard.press("Escape");
-    await until(second.page, () => (window as never as Window_).cockpit.session.state.arms.every((arm) => arm.stopped));
+    await until(second.page, () => window.cockpit.session.state!.arms.every((arm) => arm.stopped));
     await second.page.getByRole("button", { name: "Resume" }).click();
-    await second.page.getByRole("tab", { name: "Laws" }).click();
-    for (const arm of ["left", "right"]) {
-      await second.page.getByRole("button", { name: `Activate ${arm}_cartesian` }).click();
-    }
+    await lead(t, second.page);
     await atRest(second.page);
     await first.context.close();
     await second.context.close();
@@ -104,19 +106,17 @@ suite("watch", () => {
   test("a page that is loaded again finds the run as it was", async () => {
     const { page, context } = await open(run.url);
     await page.reload();
-    await until(page, () => (window as never as Window_).cockpit?.session.state !== undefined);
+    await until(page, () => window.cockpit?.session.state !== undefined);
     await page.getByRole("heading", { name: "two_arms" }).waitFor();
     await context.close();
   });
 
-  test("a stop that was not confirmed is sent again by the page that is loaded again", async () => {
+  test("a stop that was not confirmed is sent again by the page that is loaded again", async (t) => {
     const { page, context } = await open(run.url);
     const stopped = (all: boolean) =>
       until(
         page,
-        (all) =>
-          (window as never as Window_).cockpit?.session.state?.arms.every((arm) => Boolean(arm.stopped) === all) ??
-          false,
+        (all) => window.cockpit?.session.state?.arms.every((arm) => Boolean(arm.stopped) === all) ?? false,
         all,
       );
     // What this page sends from now on is lost on its way.
@@ -134,9 +134,8 @@ suite("watch", () => {
     await stopped(false);
     await page.waitForTimeout(300);
     await stopped(false);
-    await page.getByRole("tab", { name: "Laws" }).click();
     await takeControl(page);
-    for (const arm of ["left", "right"]) await page.getByRole("button", { name: `Activate ${arm}_cartesian` }).click();
+    await lead(t, page);
     await context.close();
   });
 

@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import {
+  activate,
   atRest,
   drag,
   gizmoHandle,
@@ -19,7 +20,6 @@ import {
   takeControl,
   until,
   type Cockpit,
-  type Window_,
 } from "./support.ts";
 import { Network } from "./network.ts";
 
@@ -105,15 +105,13 @@ async function byKeyboard({ page }: Cockpit): Promise<void> {
   await box.uncheck();
 }
 
-async function activate(page: Cockpit["page"], name: string): Promise<void> {
-  await page.getByRole("tab", { name: "Laws" }).click();
-  await page.getByRole("button", { name: `Activate ${name}` }).click();
-  await until(page, (name) => (window as never as Window_).cockpit.session.state.arms[0]!.controllet === name, name);
+async function lead(page: Cockpit["page"], name: string): Promise<void> {
+  await activate(page, name);
   await page.getByRole("tab", { name: "Move" }).click();
 }
 
 async function byJoint({ page }: Cockpit): Promise<void> {
-  await activate(page, "left_joint");
+  await lead(page, "left_joint");
   await page.locator("summary", { hasText: "Joints" }).click();
   const slider = page.getByRole("slider", { name: "Joint 1" });
   await slider.scrollIntoViewIfNeeded();
@@ -137,7 +135,7 @@ async function byJoint({ page }: Cockpit): Promise<void> {
   });
   await assertStays(page);
   await page.locator("summary", { hasText: "Joints" }).click();
-  await activate(page, kCartesian);
+  await lead(page, kCartesian);
 }
 
 async function byGizmo({ page }: Cockpit): Promise<void> {
@@ -204,7 +202,7 @@ async function frozen({ page }: Cockpit): Promise<void> {
       await assertStays(page);
     }),
   );
-  await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.controllet !== "left_cartesian");
+  await until(page, () => window.cockpit.session.state!.arms[0]!.controllet !== "left_cartesian");
 }
 
 async function closed({ page, context }: Cockpit, run: Run): Promise<void> {
@@ -232,9 +230,7 @@ async function cut(run: Run): Promise<void> {
     await page.getByText("The stop may not have reached the run", { exact: false }).first().waitFor();
     assert.ok((await stateOf(watcher.page)).arms.every((arm) => !arm.stopped));
     network.repair();
-    await until(watcher.page, () =>
-      (window as never as Window_).cockpit.session.state.arms.every((arm) => arm.stopped),
-    );
+    await until(watcher.page, () => window.cockpit.session.state!.arms.every((arm) => arm.stopped));
     await context.close();
     await watcher.context.close();
   } finally {
@@ -243,6 +239,6 @@ async function cut(run: Run): Promise<void> {
 }
 
 async function endsInHold(page: Cockpit["page"]): Promise<void> {
-  await until(page, () => (window as never as Window_).cockpit.session.state.arms[0]!.controllet !== "left_cartesian");
+  await until(page, () => window.cockpit.session.state!.arms[0]!.controllet !== "left_cartesian");
   await assertStays(page);
 }

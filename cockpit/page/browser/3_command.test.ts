@@ -5,6 +5,7 @@ import { after, before, suite, test } from "node:test";
 import type { LiveState } from "../src/model/live.ts";
 import {
   ask,
+  askHeld,
   atRest,
   carriedOut,
   heldUntil,
@@ -16,8 +17,9 @@ import {
   Run,
   stateOf,
   takeControl,
+  unlessTooSlow,
+  until,
   type Cockpit,
-  type Window_,
 } from "./support.ts";
 
 const commands = (backend: string) => () => {
@@ -33,14 +35,15 @@ const commands = (backend: string) => () => {
     await run.end();
   });
 
+  const heldTest = (name: string, act: () => Promise<void>) => test(name, (t) => unlessTooSlow(t, cockpit.page, act));
   const tab = (name: string) => cockpit.page.getByRole("tab", { name, exact: true }).click();
   const button = (name: string) => cockpit.page.getByRole("button", { name });
   const says = (text: string | RegExp) => () => cockpit.page.getByText(text).first().isVisible();
 
-  test("a switch shows what it cost, and is on the timeline", async () => {
+  heldTest("a switch shows what it cost, and is on the timeline", async () => {
     const { page } = cockpit;
     await tab("Laws");
-    await ask(
+    await askHeld(
       page,
       button("Activate dual"),
       says(/Started dual\..*first torque.*Largest torque step of a joint: left/),
@@ -49,33 +52,30 @@ const commands = (backend: string) => () => {
     await page.getByRole("region", { name: "Events" }).getByText("switched").first().waitFor();
   });
 
-  test("features are switched on and off, and the card says so", async () => {
+  heldTest("features are switched on and off, and the card says so", async () => {
     const { page } = cockpit;
     await tab("Laws");
-    const feature = page.getByRole("checkbox", { name: "joint limits" });
-    const isOnCard = () => page.getByRole("region", { name: "Arm left" }).getByText("+ joint limits").isVisible();
-    const set = async (on: boolean) => {
-      if ((await feature.isChecked()) !== on) await feature.click();
-      await carriedOut(page, async () => (await isOnCard()) === on && (await feature.isChecked()) === on, "dual");
-    };
-    assert.ok(await feature.isChecked());
-    await patiently(page, "dual", async () => {
-      for (const on of [true, false, true]) await set(on);
-    });
+    const feature = (to: string) => button(`Switch joint limits ${to} while held`);
+    const is = (on: boolean) => () =>
+      page.evaluate((on) => window.cockpit.session.controllet("dual")!.features[0]!.on === on, on);
+    const onCard = page.getByRole("region", { name: "Arm left" }).getByText("+ joint limits");
+    const shows = (on: boolean) =>
+      patiently(page, "dual", () => carriedOut(page, async () => (await onCard.isVisible()) === on, "dual"));
+    await shows(true);
+    await askHeld(page, feature("off"), is(false), "dual");
+    await shows(false);
+    await askHeld(page, feature("on"), is(true), "dual");
+    await shows(true);
   });
 
-  test("a parameter is set within its bounds, with its unit", async () => {
+  heldTest("a parameter is set within its bounds, with its unit", async () => {
     const { page } = cockpit;
     const kName = "left_cartesian";
     await tab("Laws");
     const listed = async () =>
-      (
-        await page.evaluate(
-          () => (window as never as { cockpit: { session: { list: ListLike } } }).cockpit.session.list,
-        )
-      ).find((one) => one.name === kName)!;
+      (await page.evaluate(() => window.cockpit.session.list)).find((one) => one.name === kName)!;
     // The list that says that it is active also rebuilds the panel.
-    await ask(page, button(`Activate ${kName}`), async () => (await listed()).active);
+    await askHeld(page, button(`Activate ${kName}`), async () => (await listed()).active);
     const number = page.getByRole("spinbutton", { name: /^translational stiffness 1 \[N\/m\]/ });
     const isSet = async () =>
       (await listed()).parameters.some(({ name, value }) => /^translational_stiffness/.test(name) && value[0] === 250);
@@ -85,24 +85,52 @@ const commands = (backend: string) => () => {
         throw new Late(error.message);
       });
       await number.press("Enter");
-      await carriedOut(page, isSet, kName);
+      const set = button(`Set translational stiffness n per m of ${kName} while held`);
+      await hold(page, set, () => carriedOut(page, isSet, kName, true));
     });
   });
-  type ListLike = { name: string; active: boolean; parameters: { name: string; value: number[] }[] }[];
+
+  // Not on virtual arms yet: there a hold takes the arms while the offset moves, for a reason that is not known.
+  const inSimulation = backend === "virtual" ? test.skip : heldTest;
+  inSimulation("a parameter that acts as a goal moves the hands only while its button is held", async () => {
+    const { page } = cockpit;
+    await tab("Laws");
+    const hands = async () => (await stateOf(page)).arms.map((arm) => arm.hand.position[1]!);
+    await patiently(page, "dual", async () => {
+      const number = page.getByRole("spinbutton", { name: /^offset 2 \[m\]/ });
+      const offset = page.locator("summary", { hasText: /^offset/ });
+      const isOpen = (await number.isVisible()) || (await offset.isVisible()); // by an earlier try
+      if (!isOpen) await button("dual dual cartesian impedance").click();
+      if (!(await number.isVisible())) await offset.click();
+      const before = await hands();
+      const apart = (before[0]! - before[1]!) / 2;
+      const by = apart > 0.25 ? -0.02 : 0.02;
+      await number.fill((apart + 7 * by).toFixed(3));
+      await number.press("Enter");
+      await page.waitForTimeout(500); // it is chosen, and not set
+      assert.ok(Math.abs((await hands())[0]! - before[0]!) < 1e-3);
+      const set = button("Set offset m of dual while held");
+      const isOnItsWay = async () => ((await hands())[0]! - before[0]!) / by > 1;
+      await hold(page, set, () => carriedOut(page, isOnItsWay, "dual", true));
+      await until(page, () => window.cockpit.session.state!.arms[0]!.controllet === "left_hold");
+      await atRest(page);
+      assert.ok(Math.abs((await hands())[0]! - before[0]!) < 0.1, "the hand went on to its goal");
+    });
+  });
 
   test("what is refused is said with its reason", async () => {
     await tab("Arms");
     await ask(cockpit.page, button("Recover: left"), says(/Refused: .*error/));
   });
 
-  test("a load is declared, an arm's stop button pressed and released", async () => {
+  heldTest("a load is declared, an arm's stop button pressed and released", async () => {
     const { page } = cockpit;
     await tab("Arms");
     await page.locator("summary", { hasText: "Load" }).first().click();
     const mass = page.getByRole("spinbutton", { name: "Mass [kg], number" }).first();
     await mass.fill("0.1");
     await mass.press("Enter");
-    await ask(page, button("Declare load: left"), says("a payload of 0.1 kg is declared"));
+    await askHeld(page, button("Declare load while held: left"), says("a payload of 0.1 kg is declared"));
     const isStopped = () => page.getByRole("region", { name: "Arm left" }).getByText("user stopped").isVisible();
     await ask(page, button("Press user stop: left"), async () => (await says("Pressed.")()) && (await isStopped()));
     await ask(page, button("Release user stop: left"), async () => (await says("Released.")()) && !(await isStopped()));
@@ -134,7 +162,7 @@ const commands = (backend: string) => () => {
     const { page } = cockpit;
     await tab("World");
     const box = await page.evaluate(() =>
-      (window as never as Window_).cockpit.session.scene.bodies.findIndex((body) => body.name === "box"),
+      window.cockpit.session.scene!.bodies.findIndex((body) => body.name === "box"),
     );
     const position = async () => Array.from((await stateOf(page)).bodies).slice(7 * box, 7 * box + 3);
     const start = await position();
@@ -205,7 +233,7 @@ const commands = (backend: string) => () => {
     await page.getByText(/median \d+ .* of \d{3,} cycles/).waitFor();
   });
 
-  test("a gripper closes and opens, and an object is grasped", async () => {
+  test("a gripper closes and opens, and an object is grasped", async (t) => {
     const own = await Run.idle("grippers", "--backend", backend);
     try {
       const { page, context } = await open(own.url);
@@ -216,8 +244,11 @@ const commands = (backend: string) => () => {
       await page.keyboard.press("Home");
       for (let k = 0; k < 40; ++k) await page.keyboard.press("ArrowRight"); // mm, of the cube between the fingers
       const gripper = async () => (await stateOf(page)).arms[0]!.gripper!;
-      await ask(page, page.getByRole("button", { name: "Grasp: left" }), async () => (await gripper()).grasped);
-      await ask(page, page.getByRole("button", { name: "Open: left" }), async () => (await gripper()).width_m > 0.07);
+      const held = (name: string) => page.getByRole("button", { name: `${name} while held: left` });
+      await unlessTooSlow(t, page, async () => {
+        await askHeld(page, held("Grasp"), async () => (await gripper()).grasped);
+        await askHeld(page, held("Open"), async () => (await gripper()).width_m > 0.07);
+      });
       await context.close();
     } finally {
       await own.end();

@@ -15,8 +15,23 @@ import {
   unlessTooSlow,
   until,
   type Cockpit,
-  type Window_,
 } from "./support.ts";
+
+declare global {
+  /** What the replayed devices are led by. */
+  interface Window {
+    pad: { axes: number[]; buttons: { pressed: boolean; value: number }[]; connected: boolean };
+    report(id: number, bytes: number[]): void;
+    headset: {
+      controllers: {
+        right: {
+          position: { set(x: number, y: number, z: number): void };
+          updateButtonValue(id: string, value: number): void;
+        };
+      };
+    };
+  }
+}
 
 const devices = (backend: string) => () => {
   let run: Run;
@@ -31,8 +46,8 @@ const devices = (backend: string) => () => {
     return cockpit;
   }
 
-  const moves = (t: TestContext, page: Cockpit["page"], owner: string, act: () => Promise<void>) =>
-    unlessTooSlow(t, page, () => patiently(page, owner, act));
+  const moves = (t: TestContext, page: Cockpit["page"], owners: string | string[], act: () => Promise<void>) =>
+    unlessTooSlow(t, page, () => patiently(page, owners, act));
   const hand = async ({ page }: Cockpit, arm: number) => (await stateOf(page)).arms[arm]!.hand.position;
   async function leave({ page, context }: Cockpit): Promise<void> {
     await atRest(page);
@@ -57,9 +72,7 @@ const devices = (backend: string) => () => {
     const set = (axes: number[], bumper: boolean, trigger = 0) =>
       page.evaluate(
         ([axes, bumper, trigger]) => {
-          const { pad } = window as never as {
-            pad: { axes: number[]; buttons: { pressed: boolean; value: number }[] };
-          };
+          const { pad } = window;
           pad.axes = axes as number[];
           pad.buttons[5]!.pressed = bumper as boolean;
           pad.buttons[7]!.value = trigger as number;
@@ -78,9 +91,9 @@ const devices = (backend: string) => () => {
     });
     await atRest(page);
 
-    await page.getByRole("checkbox", { name: "Gamepad: both sticks lead a hand" }).check();
+    await page.getByRole("checkbox", { name: "Gamepad: each stick moves a hand" }).check();
     await page.getByRole("radio", { name: "Base" }).check();
-    await moves(t, page, "left_cartesian", async () => {
+    await moves(t, page, ["left_cartesian", "right_cartesian"], async () => {
       await set([0, -1, 0, -1], true); // both sticks away from the operator: along the bases' x
       await Promise.all([handMoves(page, 0, 0, 0.01), handMoves(page, 1, 0, 0.01)]).catch(async (error) => {
         await set([0, 0, 0, 0], false);
@@ -89,7 +102,7 @@ const devices = (backend: string) => () => {
     });
     // A pad that is unplugged holds nothing.
     await page.evaluate(() => {
-      (window as never as { pad: { connected: boolean } }).pad.connected = false;
+      window.pad.connected = false;
       window.dispatchEvent(new Event("gamepaddisconnected"));
     });
     await leave(cockpit);
@@ -126,11 +139,7 @@ const devices = (backend: string) => () => {
     });
     const { page } = cockpit;
     const report = (id: number, ...bytes: number[]) =>
-      page.evaluate(
-        ([id, bytes]) =>
-          (window as never as { report(id: number, bytes: number[]): void }).report(id as number, bytes as number[]),
-        [id, bytes] as const,
-      );
+      page.evaluate(([id, bytes]) => window.report(id as number, bytes as number[]), [id, bytes] as const);
     await page.getByRole("checkbox", { name: "SpaceMouse", exact: true }).check();
     await page.getByRole("button", { name: "Choose device" }).click();
     await page.getByText("Test SpaceMouse").waitFor();
@@ -156,11 +165,11 @@ const devices = (backend: string) => () => {
   Object.defineProperty(XRPose.prototype, "emulatedPosition", { get: () => window.lost ?? false });`);
     const { page } = cockpit;
     await page.getByRole("button", { name: "Enter or leave the headset" }).click();
-    await until(page, () => (window as never as XrWindow).cockpit.stage.renderer.xr.isPresenting);
+    await until(page, () => window.cockpit.stage.renderer.xr.isPresenting);
     const move = (y: number, squeeze: number) =>
       page.evaluate(
         ([y, squeeze]) => {
-          const right = (window as never as XrWindow).headset.controllers.right;
+          const right = window.headset.controllers.right;
           right.position.set(0.2, y!, -0.3);
           right.updateButtonValue("squeeze", squeeze!);
         },
@@ -174,7 +183,7 @@ const devices = (backend: string) => () => {
     assert.ok(Math.abs((await hand(cockpit, 0))[2] - from[2]) < 1e-3);
     await moves(t, page, "left_cartesian", async () => {
       await move(1.05, 1);
-      await until(page, () => (window as never as Window_).cockpit.held());
+      await until(page, () => window.cockpit.held());
       await move(1.1, 1);
       await handMoves(page, 0, 2, 0.02).finally(() => move(1.1, 0));
     });
@@ -186,28 +195,16 @@ const devices = (backend: string) => () => {
     // A controller that is not seen any more is let go, and holds nothing when it is seen again.
     await moves(t, page, "left_cartesian", async () => {
       await move(1.5, 1);
-      await until(page, () => (window as never as Window_).cockpit.held());
+      await until(page, () => window.cockpit.held());
       await page.evaluate(() => Object.assign(window, { lost: true }));
-      await until(page, () => !(window as never as Window_).cockpit.held());
+      await until(page, () => !window.cockpit.held());
       await page.evaluate(() => Object.assign(window, { lost: false }));
       await page.waitForTimeout(300);
-      assert.equal(await page.evaluate(() => (window as never as Window_).cockpit.held()), false);
+      assert.equal(await page.evaluate(() => window.cockpit.held()), false);
       await move(1.5, 0);
     });
     await cockpit.context.close();
   });
-
-  interface XrWindow extends Window_ {
-    headset: {
-      controllers: {
-        right: {
-          position: { set(x: number, y: number, z: number): void };
-          updateButtonValue(id: string, value: number): void;
-        };
-      };
-    };
-    cockpit: Window_["cockpit"] & { stage: { renderer: { xr: { isPresenting: boolean } } } };
-  }
 };
 
 for (const backend of kBackends) suite(`devices lead ${backend} arms`, devices(backend));

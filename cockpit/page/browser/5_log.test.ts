@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { spawnSync } from "node:child_process";
 import { after, before, suite, test } from "node:test";
-import { open, picture, Run, temporaryFolder, until, type Window_ } from "./support.ts";
+import { open, picture, Run, temporaryFolder, until } from "./support.ts";
 
 /** The folder of a new log of the example. */
 function record(seconds: string, ...args: string[]): string {
@@ -20,21 +20,21 @@ suite("log", () => {
 
   test("a log is scrubbed and played, and commands nothing", async () => {
     const { page, context, complaints } = await open(run.url);
-    const time = () => page.evaluate(() => (window as never as Window_).cockpit.session.state.t_s);
+    const time = () => page.evaluate(() => window.cockpit.session.state!.t_s);
     const slider = page.getByRole("slider", { name: "Time in the log" });
     await slider.focus();
     await page.keyboard.press("End");
-    await until(page, () => (window as never as Window_).cockpit.session.state.t_s > 11.9);
+    await until(page, () => window.cockpit.session.state!.t_s > 11.9);
     await page.keyboard.press("Home");
-    await until(page, () => (window as never as Window_).cockpit.session.state.t_s < 0.1);
+    await until(page, () => window.cockpit.session.state!.t_s < 0.1);
     await page.getByRole("button", { name: "Play the log" }).click();
-    await until(page, () => (window as never as Window_).cockpit.session.state.t_s > 1.5);
+    await until(page, () => window.cockpit.session.state!.t_s > 1.5);
     await page.getByRole("button", { name: "Pause the log" }).click();
     const from = await time();
     await page.waitForTimeout(300);
     assert.ok((await time()) - from < 0.1);
     await page.getByRole("region", { name: "Events of the log" }).getByText("switched").last().click();
-    await until(page, () => (window as never as Window_).cockpit.session.state.t_s > 5);
+    await until(page, () => window.cockpit.session.state!.t_s > 5);
     await picture(page, "cockpit_log");
     await page.getByRole("tab", { name: "Plots" }).click();
     await page.getByLabel("Quantity to plot").fill("left/q_rad");
@@ -54,7 +54,7 @@ suite("log", () => {
       const slider = page.getByRole("slider", { name: "Time in the log" });
       await slider.focus();
       await page.keyboard.press("End");
-      await until(page, () => (window as never as Window_).cockpit.session.state.t_s > 11.9);
+      await until(page, () => window.cockpit.session.state!.t_s > 11.9);
       await picture(page, "cockpit_two_logs");
       assert.deepEqual(complaints, []);
       await context.close();
@@ -71,7 +71,7 @@ suite("log", () => {
       const { page, context } = await open(long.url);
       const waits = await page.evaluate(
         async ([seconds]) => {
-          const { cockpit } = window as never as Window_;
+          const { cockpit } = window;
           const scrub = document.querySelector<HTMLInputElement>("[aria-label='Time in the log']")!;
           const waits: number[] = [];
           for (let k = 1; k <= 40; ++k) {
@@ -79,7 +79,7 @@ suite("log", () => {
             const begun = performance.now();
             scrub.value = String(t);
             scrub.dispatchEvent(new Event("input"));
-            while (Math.abs(cockpit.session.state.t_s - t) > 0.1 && performance.now() - begun < 10_000)
+            while (Math.abs(cockpit.session.state!.t_s - t) > 0.1 && performance.now() - begun < 10_000)
               await new Promise((resolve) => setTimeout(resolve, 1));
             waits.push(performance.now() - begun);
           }

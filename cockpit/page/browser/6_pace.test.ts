@@ -1,7 +1,7 @@
 // Four arms are drawn as fast as three.js draws them, and what is late is dropped.
 import assert from "node:assert/strict";
 import { after, before, suite, test } from "node:test";
-import { open, picture, Run, type Window_ } from "./support.ts";
+import { open, picture, Run } from "./support.ts";
 
 suite("pace", () => {
   let run: Run;
@@ -23,7 +23,7 @@ suite("pace", () => {
   async function pace(): Promise<readonly [number, number]> {
     const { page, context } = await open(run.url);
     const counted = await page.evaluate(async () => {
-      const { stage } = (window as never as PaceWindow).cockpit;
+      const { stage } = window.cockpit;
       stage.beforeFrame.push(() => stage.touch()); // as if everything moved
       const count = async (read: () => number) => {
         const [from, begin] = [read(), performance.now()];
@@ -44,19 +44,6 @@ suite("pace", () => {
     return counted;
   }
 
-  interface PaceWindow {
-    cockpit: {
-      stage: {
-        pictures: number;
-        beforeFrame: (() => void)[];
-        touch(): void;
-        scene: unknown;
-        camera: unknown;
-        renderer: { render(scene: unknown, camera: unknown): void; setAnimationLoop(loop: () => void): void };
-      };
-    };
-  }
-
   test("states that a busy page cannot take are dropped, not queued", async () => {
     const { page, context } = await open(run.url);
     await page.evaluate(() => {
@@ -65,7 +52,7 @@ suite("pace", () => {
     });
     await page.waitForTimeout(700);
     const late = await page.evaluate(() => {
-      const { latencies } = (window as never as Window_).cockpit.line;
+      const { latencies } = window.cockpit.line;
       const newest = latencies.slice(-5).sort((a, b) => a - b);
       return newest[2]!;
     });

@@ -2,7 +2,7 @@
 // computer that they are measured on; without a graphics card most of both is drawing.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { gizmoHandle, holding, open, ownerOf, Run, takeControl, until, type Window_ } from "./support.ts";
+import { activateAtOnce, gizmoHandle, holding, open, Run, takeControl, until } from "./support.ts";
 
 const kCount = process.env["COCKPIT_FOR_DOCS"] ? 20 : 4; // of drags; many where pictures and figures are asked for
 
@@ -11,12 +11,12 @@ test("latencies: state to picture, drag to torque", async (t) => {
   try {
     const { page, context } = await open(run.url);
     const pictures = await page.evaluate(async (count) => {
-      const { session, stage } = (window as never as Stage_).cockpit;
+      const { session, stage } = window.cockpit;
       const ages: number[] = [];
       let newest = -1;
       // A frame's handlers run before it is drawn: the age is read after the drawing, in the next task.
       stage.beforeFrame.push(() => {
-        const { cycle, sent_ms, since_s } = session.state;
+        const { cycle, sent_ms, since_s } = session.state!;
         if (cycle === newest) return;
         newest = cycle;
         stage.touch();
@@ -35,11 +35,7 @@ test("latencies: state to picture, drag to torque", async (t) => {
       await page.getByRole("button", { name: "Side" }).click();
       const delays: number[] = [];
       for (let tries = 0; tries < 2 * kCount && delays.length < kCount; ++tries) {
-        if ((await ownerOf(page)) !== "left_cartesian") {
-          await page.evaluate(() =>
-            (window as never as Window_).cockpit.session.request("switch", { activate: ["left_cartesian"] }),
-          );
-        }
+        await activateAtOnce(page, "left_cartesian");
         await page.waitForTimeout(500); // at rest
         const [x = NaN, y = NaN] = await gizmoHandle(page);
         await page.mouse.move(x, y);
@@ -48,7 +44,7 @@ test("latencies: state to picture, drag to torque", async (t) => {
         await page.mouse.move(x, y + (tries % 2 ? -8 : 8));
         await page.waitForTimeout(400);
         await page.mouse.up();
-        const delay = await page.evaluate(() => (window as never as Torques).delay());
+        const delay = await page.evaluate(() => window.delay());
         if (delay !== undefined) delays.push(delay);
       }
       print("drag to torque", delays);
@@ -67,12 +63,11 @@ function print(what: string, values: number[]): void {
   assert.ok(Number(at(0.5)) > 0 && Number(at(0.5)) < 2000);
 }
 
-interface Stage_ {
-  cockpit: Window_["cockpit"] & { stage: { beforeFrame: (() => void)[]; touch(): void } };
-}
-interface Torques extends Window_ {
-  /** From the newest move of the mouse to the first cycle with another torque [ms]. */
-  delay(): number | undefined;
+declare global {
+  interface Window {
+    /** From the newest move of the mouse to the first cycle with another torque [ms]. */
+    delay(): number | undefined;
+  }
 }
 
 /** A connection of its own reads the torques of every cycle. */
@@ -97,13 +92,13 @@ async function watchTorques(page: Parameters<typeof takeControl>[0]): Promise<vo
     let moved = 0;
     addEventListener("pointermove", (event) => (moved = performance.timeOrigin + event.timeStamp), { capture: true });
     // The computer's two clocks: that of cycles and that of pages.
-    const { session } = (window as never as Window_).cockpit;
+    const { session } = window.cockpit;
     const clocks = () => {
-      const { cycle, sent_ms, since_s } = session.state;
+      const { cycle, sent_ms, since_s } = session.state!;
       const row = rows.find((row) => row[1] === cycle);
       return row && sent_ms - 1000 * since_s - 1e-6 * row[2]!;
     };
-    (window as never as Torques).delay = () => {
+    window.delay = () => {
       const offset = clocks();
       if (offset === undefined) return undefined;
       const at = (row: number[]) => offset + 1e-6 * row[2]!;
@@ -116,5 +111,5 @@ async function watchTorques(page: Parameters<typeof takeControl>[0]): Promise<vo
       return changed && at(changed) - moved;
     };
   });
-  await until(page, () => (window as never as Torques).delay !== undefined);
+  await until(page, () => window.delay !== undefined);
 }

@@ -2,7 +2,7 @@
 import { mkdirSync, readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { hold, open, patiently, pictures, Run, takeControl, temporaryFolder, until, type Window_ } from "./support.ts";
+import { activate, hold, open, patiently, pictures, Run, takeControl, temporaryFolder, until } from "./support.ts";
 
 test("a screencast: jog, switch, stop", { skip: !process.env["COCKPIT_FOR_DOCS"] }, async () => {
   // Drawing in software, and filming, take longer than the example's streams may be silent.
@@ -39,7 +39,7 @@ test("a screencast: jog, switch, stop", { skip: !process.env["COCKPIT_FOR_DOCS"]
     }
     await page.getByRole("tab", { name: "Laws" }).click();
     await page.waitForTimeout(500);
-    await page.getByRole("button", { name: "Activate dual" }).click();
+    await activate(page, "dual");
     await page.getByText(/Started dual\./).waitFor();
     await page.waitForTimeout(1200);
     await page.getByRole("tab", { name: "Move" }).click();
@@ -47,7 +47,7 @@ test("a screencast: jog, switch, stop", { skip: !process.env["COCKPIT_FOR_DOCS"]
       hold(page, page.getByRole("button", { name: "Move up while held" }), () => page.waitForTimeout(1500)),
     );
     await page.getByRole("button", { name: "Stop", exact: true }).click();
-    await until(page, () => (window as never as Window_).cockpit.session.state.arms.every((arm) => arm.stopped));
+    await until(page, () => window.cockpit.session.state!.arms.every((arm) => arm.stopped));
     await page.waitForTimeout(1200);
     await page.getByRole("button", { name: "Resume" }).click();
     await page.waitForTimeout(800);

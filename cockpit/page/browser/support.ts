@@ -124,23 +124,8 @@ export async function open(url: string, options: PageOptions = {}): Promise<Cock
   });
   if (options.before) await page.addInitScript(options.before);
   await page.goto(url);
-  await until(page, () => (window as never as Window_).cockpit.session.state !== undefined);
+  await until(page, () => window.cockpit.session.state !== undefined);
   return { page, context, complaints };
-}
-
-/** What main.ts leaves for tests. */
-export interface Window_ {
-  cockpit: {
-    session: {
-      request(word: string, fields: object): Promise<{ ok: boolean }>;
-      scene: { arms: { name: string }[]; bodies: { name: string }[] };
-      state: LiveState;
-      control: { mine: boolean; taken: boolean; watchers: number };
-    };
-    line: { latencies: number[] };
-    stage: { pictures: number; touch(): void; drawSharply(): void };
-    held(): boolean;
-  };
 }
 
 export async function until<T>(page: Page, condition: (argument: T) => boolean, argument?: T): Promise<void> {
@@ -160,7 +145,7 @@ export async function saidBy(page: Page): Promise<string> {
 
 export async function stateOf(page: Page): Promise<LiveState> {
   return page.evaluate(() => {
-    const { state } = (window as never as Window_).cockpit.session;
+    const { state } = window.cockpit.session;
     // Typed arrays would arrive as objects.
     return JSON.parse(
       JSON.stringify(state, (_, value) => (ArrayBuffer.isView(value) ? [...(value as Float64Array)] : value)),
@@ -170,14 +155,12 @@ export async function stateOf(page: Page): Promise<LiveState> {
 
 export async function takeControl(page: Page): Promise<void> {
   await page.getByRole("button", { name: "Take control" }).click();
-  await until(page, () => (window as never as Window_).cockpit.session.control.mine);
+  await until(page, () => window.cockpit.session.control.mine);
 }
 
 /** Presses a button with the mouse, waits for something, and lets go; `let_go` false leaves it pressed. */
 export async function hold(page: Page, button: Locator, meanwhile: () => Promise<void>, letGo = true): Promise<void> {
-  await button.scrollIntoViewIfNeeded();
-  const box = (await button.boundingBox())!;
-  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await button.hover({ force: true }); // also one that is being built again
   await page.mouse.down();
   try {
     await meanwhile();
@@ -203,7 +186,7 @@ export async function drag(page: Page, from: readonly [number, number], to: read
 export async function tooSlowToHold(page: Page): Promise<string | undefined> {
   const kLate = 90; // [ms]
   const late = await page.evaluate(async (late) => {
-    const { stage } = (window as never as Window_).cockpit;
+    const { stage } = window.cockpit;
     const gaps: number[] = [];
     await new Promise<void>((done) => {
       const begun = performance.now();
@@ -250,10 +233,14 @@ function skip(t: TestContext, why: string): void {
 /** The computer was too busy to read the button in time: the page or the run has let go, as they should. */
 export class Late extends Error {}
 
-/** Repeats what depends on real time as long as the computer comes too late; `owner`, if any, leads the first arm. */
-export async function patiently(page: Page, owner: string | undefined, act: () => Promise<void>): Promise<void> {
+/** Repeats what depends on real time as long as the computer comes too late; `owners` lead arms before every attempt. */
+export async function patiently(
+  page: Page,
+  owners: string | readonly string[] | undefined,
+  act: () => Promise<void>,
+): Promise<void> {
   for (let tries = 1; ; ++tries) {
-    if (owner) await activateAtOnce(page, owner);
+    for (const owner of [owners ?? []].flat()) await activateAtOnce(page, owner);
     await page.evaluate(() =>
       document.querySelectorAll<HTMLElement>(".toast button").forEach((close) => close.click()),
     );
@@ -268,16 +255,24 @@ export async function patiently(page: Page, owner: string | undefined, act: () =
 }
 
 export async function ownerOf(page: Page, arm = 0): Promise<string> {
-  return page.evaluate((arm) => (window as never as Window_).cockpit.session.state.arms[arm]!.controllet, arm);
+  return page.evaluate((arm) => window.cockpit.session.state!.arms[arm]!.controllet, arm);
 }
 
 /** Waits for what a request does; the run refuses requests of a page that draws too late, and may stop an arm. */
-export async function carriedOut(page: Page, done: () => Promise<boolean>, owner?: string): Promise<void> {
+export async function carriedOut(
+  page: Page,
+  done: () => Promise<boolean>,
+  owner?: string,
+  held = false,
+): Promise<void> {
   const begun = Date.now();
   const late = page.getByText(/ask again once it shows new states/);
   while (!(await done())) {
     if ((await late.count()) > 0) throw new Late("the page had not seen a new state for too long");
+    if (held && !(await page.evaluate(() => window.cockpit.held()))) throw new Late("the hold has ended by itself");
     if (owner && (await ownerOf(page)) !== owner) throw new Late(`${await ownerOf(page)} has taken the arm`);
+    // It may have been done, and an arm that a busy computer served too late has ended it again.
+    if (held && Date.now() - begun > kPatience / 3) throw new Late(`not carried out: ${done}`);
     if (Date.now() - begun > kPatience) throw new Error(`not carried out: ${done}\n${await saidBy(page)}`);
     await page.waitForTimeout(20);
   }
@@ -291,16 +286,49 @@ export function ask(page: Page, button: Locator, done: () => Promise<boolean>, o
   });
 }
 
-/** An arm that a busy computer has stopped is recovered first, however often that happens. */
-async function activateAtOnce(page: Page, owner: string): Promise<void> {
-  for (const begun = Date.now(); (await ownerOf(page)) !== owner;) {
-    if (Date.now() - begun > 2 * kPatience) throw new Error(`${owner} cannot be started\n${await saidBy(page)}`);
-    await page.evaluate(async (owner) => {
-      const { session } = (window as never as Window_).cockpit;
-      const { ok } = await session.request("switch", { activate: [owner] });
-      if (!ok) for (const { name } of session.scene.arms) await session.request("recover", { arm: name });
-    }, owner);
-    for (let wait = 0; wait < 10 && (await ownerOf(page)) !== owner; ++wait) await page.waitForTimeout(50);
+/** The same for what may move an arm: its button is held until the arms stand still. */
+export function askHeld(page: Page, button: Locator, done: () => Promise<boolean>, owner?: string): Promise<void> {
+  return patiently(page, owner, async () => {
+    if (await done()) return;
+    await hold(page, button, async () => {
+      await carriedOut(page, done, owner, true);
+      await atRest(page);
+      await page.waitForTimeout(kStill);
+      await carriedOut(page, done, owner, true);
+    });
+    if (!(await done())) throw new Late("it has ended with the hold");
+  });
+}
+
+export async function activate(page: Page, name: string): Promise<void> {
+  await page.getByRole("tab", { name: "Laws", exact: true }).click();
+  await askHeld(page, page.getByRole("button", { name: `Activate ${name}` }), () => leads(page, name));
+}
+
+/** More than the run asks for before it lets an arm have a new owner without a hold [ms]. */
+const kStill = 500;
+
+const leads = (page: Page, name: string): Promise<boolean> =>
+  page.evaluate((name) => window.cockpit.session.state!.arms.some((arm) => arm.controllet === name), name);
+
+/** Without the page's buttons. An arm that a busy computer has stopped is recovered first, however often that happens. */
+export async function activateAtOnce(page: Page, owner: string): Promise<void> {
+  for (const begun = Date.now(); !(await leads(page, owner));) {
+    if (Date.now() - begun > 2 * kPatience) throw new Late(`${owner} cannot be started\n${await saidBy(page)}`);
+    await page.evaluate(
+      async ([owner, still]) => {
+        const { session, line } = window.cockpit;
+        const beats = setInterval(() => line.beat(), 50);
+        line.beat();
+        const { ok } = await session.request("switch", { activate: [owner] });
+        if (!ok) for (const { name } of session.scene!.arms) await session.request("recover", { arm: name });
+        await new Promise((resolve) => setTimeout(resolve, still));
+        clearInterval(beats);
+        line.release();
+      },
+      [owner, kStill] as const,
+    );
+    await page.waitForTimeout(100);
   }
 }
 
@@ -313,14 +341,14 @@ export async function heldUntil(
 ): Promise<void> {
   const result = await page.evaluate(
     async ({ number, by, patience, begin }) => {
-      const { cockpit } = window as never as Window_;
+      const { cockpit } = window;
       const read = new Function("state", `return (${number})(state)`) as (state: LiveState) => number;
-      const from = begin ?? read(cockpit.session.state);
+      const from = begin ?? read(cockpit.session.state!);
       const begun = performance.now();
       let held = false;
       const said = () => document.querySelector(".toast:last-child p")?.textContent ?? "nothing said";
       for (;;) {
-        const moved = read(cockpit.session.state) - from;
+        const moved = read(cockpit.session.state!) - from;
         if (by > 0 ? moved > by : moved < by) return "moved";
         if (held && !cockpit.held()) return `let go: ${said()}`;
         held ||= cockpit.held();
@@ -343,19 +371,15 @@ export function handMoves(page: Page, arm: number, axis: number, by: number): Pr
 /** Waits until no joint of any arm moves. */
 export async function atRest(page: Page): Promise<void> {
   await until(page, () =>
-    (window as never as Window_).cockpit.session.state.arms.every((arm) =>
-      Array.from(arm.dq).every((speed) => Math.abs(speed) < 0.005),
-    ),
+    window.cockpit.session.state!.arms.every((arm) => Array.from(arm.dq).every((speed) => Math.abs(speed) < 0.005)),
   );
 }
 
 /** Where the handle of the vertical axis is on the screen: above the target, in the middle of the shaft. */
 export function gizmoHandle(page: Page): Promise<number[]> {
   return page.evaluate(() => {
-    const { stage, session } = (
-      window as never as { cockpit: { stage: StageLike; session: Window_["cockpit"]["session"] } }
-    ).cockpit;
-    const p = session.state.arms[0]!.hand.position;
+    const { stage, session } = window.cockpit;
+    const p = session.state!.arms[0]!.hand.position;
     const { camera, renderer } = stage;
     const v = camera.position.clone().set(p[0], p[1], p[2]).project(camera);
     const { left, top, width, height } = renderer.domElement.getBoundingClientRect();
@@ -363,18 +387,9 @@ export function gizmoHandle(page: Page): Promise<number[]> {
   });
 }
 
-interface StageLike {
-  camera: {
-    position: {
-      clone(): { set(x: number, y: number, z: number): { project(camera: unknown): { x: number; y: number } } };
-    };
-  };
-  renderer: { domElement: HTMLCanvasElement };
-}
-
 export async function picture(page: Page, name: string): Promise<void> {
   // Software renderers draw coarsely to keep pace; pictures for the docs are drawn as on a graphics card.
-  await page.evaluate(() => (window as never as Window_).cockpit.stage.drawSharply());
+  await page.evaluate(() => window.cockpit.stage.drawSharply());
   await page.screenshot({ path: join(pictures, `${name}.png`) });
 }
 

@@ -1,9 +1,9 @@
-// The page, put together: one session, the regions that show it, and the loop that reads the buttons.
-import type { LiveState, SceneInfo } from "./model/live.ts";
+// Assembles the page: one session, the regions that show it, and the loop that reads the buttons.
+import { type LiveState, type SceneInfo, poseAt } from "./model/live.ts";
 import { History } from "./model/history.ts";
 import type { Session } from "./model/session.ts";
 import { ArmToolsPanel } from "./panels/arm_tools_panel.ts";
-import { ArmsPanel } from "./panels/arms_panel.ts";
+import { ArmsPanel } from "./panels/arm_card.ts";
 import { Bar } from "./panels/bar.ts";
 import { DevicePanel } from "./panels/device_panel.ts";
 import { LawsPanel } from "./panels/laws_panel.ts";
@@ -20,16 +20,15 @@ import { GamepadJog } from "./teleop/gamepad.ts";
 import { Headset } from "./teleop/headset.ts";
 import type { Deflection } from "./teleop/jog.ts";
 import { KeyboardJog } from "./teleop/keyboard.ts";
-import { address, PoseMotion } from "./teleop/motions.ts";
+import { address, PoseMotion, type PoseSource } from "./teleop/motions.ts";
 import { SpaceMouse } from "./teleop/space_mouse.ts";
 import type { Pose } from "./teleop/vectors.ts";
-import { poseAt } from "./model/live.ts";
-import { h } from "./ui/dom.ts";
+import { button, h } from "./ui/dom.ts";
 import { Tabs } from "./ui/tabs.ts";
 import { ThemeSwitch } from "./ui/theme.ts";
 import { Toasts } from "./ui/toasts.ts";
 
-/** What the page asks of its connection besides requests. */
+/** What the page needs of its connection besides requests. */
 export interface PageLine {
   beat(): void;
   release(cause: string): void;
@@ -77,16 +76,15 @@ export class App {
     this.move = new MovePanel(
       session,
       this.holding,
-      (deflection) => this.jog(0, deflection),
-      () => {},
+      (deflection) => this.motion(0, { deflection }),
       this.devicePanel.element,
       (on) => (this.view.dragging = on),
     );
-    this.laws = new LawsPanel(session);
+    this.laws = new LawsPanel(session, this.holding);
     this.timeline = new TimelinePanel(session, this.theme);
     this.plots = new PlotsPanel(this.history, this.theme, watch, refuse);
     this.loop = new LoopPanel(this.theme);
-    this.view.gizmo = new TargetGizmo(this.view.stage, this.holding, (goal) => this.lead(0, goal));
+    this.view.gizmo = new TargetGizmo(this.view.stage, this.holding, (goal) => this.motion(0, { goal }));
     this.dock = this.lay(log);
     session.on("refused", ({ request, reason }) => this.toasts.show(`${request}: ${reason}`, "bad"));
     session.on("released", (cause) => {
@@ -107,40 +105,21 @@ export class App {
     this.line.stop();
   }
 
-  private armOf(hand: 0 | 1): string {
-    return hand === 0 ? this.move.arm : this.move.secondArm;
-  }
-
-  private jog(hand: 0 | 1, deflection: () => Deflection): Motion {
-    return new PoseMotion(
-      this.session,
-      () => this.armOf(hand),
-      () => this.move.settings,
-      () => this.view.stage.heading(),
-      { deflection },
-    );
-  }
-
-  private lead(hand: 0 | 1, goal: () => Pose | undefined, begun: (target: Pose) => void = () => {}): Motion {
-    return new PoseMotion(
-      this.session,
-      () => this.armOf(hand),
-      () => this.move.settings,
-      () => this.view.stage.heading(),
-      { goal },
-      { begun },
-    );
+  private motion(hand: 0 | 1, source: PoseSource, begun?: (target: Pose) => void): Motion {
+    const arm = () => (hand === 0 ? this.move.arm : this.move.secondArm);
+    const heading = () => this.view.stage.heading();
+    return new PoseMotion(this.session, arm, () => this.move.settings, heading, source, begun);
   }
 
   private makeDevices(): { keyboard: KeyboardJog; gamepad: GamepadJog; mouse: SpaceMouse; headset: Headset } {
     const stop = () => this.stop();
-    const one = (deflection: () => Deflection) => this.jog(0, deflection);
+    const one = (deflection: () => Deflection) => this.motion(0, { deflection });
     return {
       keyboard: new KeyboardJog(this.holding, one),
-      gamepad: new GamepadJog(this.holding, (hand, deflection) => this.jog(hand, deflection), stop),
+      gamepad: new GamepadJog(this.holding, (hand, deflection) => this.motion(hand, { deflection }), stop),
       mouse: new SpaceMouse(this.holding, one, stop, () => this.devicePanel.update()),
       headset: new Headset(this.view.stage.renderer, this.holding, {
-        motion: (hand, goal, begun) => this.lead(hand, goal, begun),
+        motion: (hand, goal, begun) => this.motion(hand, { goal }, begun),
         stop,
         ended: () => this.devicePanel.update(),
       }),
@@ -151,7 +130,7 @@ export class App {
     const tools = new Tabs("Tools", [
       { title: "Move", panel: this.move.element },
       { title: "Laws", panel: this.laws.element },
-      { title: "Arms", panel: new ArmToolsPanel(this.session).element },
+      { title: "Arms", panel: new ArmToolsPanel(this.session, this.holding).element },
       { title: "World", panel: new WorldPanel(this.session, this.holding).element },
     ]);
     const dock = new Tabs("Records", [
@@ -183,12 +162,12 @@ export class App {
       ["tools", "Tools"],
       ["dock", "Records"],
     ] as const) {
-      const button = h("button", { type: "button", "aria-pressed": String(region === "tools") }, text);
-      button.addEventListener("click", () => {
+      const show = () => {
         document.body.dataset["region"] = region;
-        for (const one of bar.children) one.setAttribute("aria-pressed", String(one === button));
-      });
-      bar.append(button);
+        for (const one of bar.children) one.setAttribute("aria-pressed", String(one === chosen));
+      };
+      const chosen = button(text, show, { "aria-pressed": String(region === "tools") });
+      bar.append(chosen);
     }
     return bar;
   }

@@ -1,4 +1,4 @@
-// The page on a recorded log: the player takes the place of the run, plots show the whole log.
+// The page for a recorded log: the player replaces the run, plots show the whole log.
 import type { App } from "./app.ts";
 import { LogPlayer, type Slice } from "./model/log_player.ts";
 import type { LogPanel } from "./panels/log_panel.ts";
@@ -71,7 +71,7 @@ export class LogMode {
     return slice && { columns, rows: slice.rows, numbers: slice.numbers };
   }
 
-  // The text answer names the slice, which comes after it as numbers.
+  // The text answer names the slice, whose numbers follow.
   private async ask(
     word: string,
     fields: Record<string, unknown>,

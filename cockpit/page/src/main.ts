@@ -1,4 +1,4 @@
-// The page begins: the token from the address, the connection, and the regions.
+// Starts the page: the token from the address, the connection, and the regions.
 import { App } from "./app.ts";
 import { LogMode } from "./log_mode.ts";
 import { Session } from "./model/session.ts";
@@ -65,5 +65,11 @@ setInterval(() => {
 }, 1000);
 line.open();
 
-// For tests and for figures of latency.
-Object.assign(window, { cockpit: { session, line, stage: app.view.stage, held: () => app.holding.held } });
+// For tests and latency measurements.
+const cockpit = { session, line, stage: app.view.stage, held: () => app.holding.held };
+declare global {
+  interface Window {
+    cockpit: typeof cockpit;
+  }
+}
+window.cockpit = cockpit;

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { readPad, type PadLike } from "../src/teleop/gamepad_reading.ts";
-import { afterReport, kAtRest } from "../src/teleop/space_mouse_report.ts";
+import { readPad, type PadLike } from "../src/teleop/gamepad.ts";
+import { afterReport, kAtRest } from "../src/teleop/space_mouse.ts";
 
 const bytes = (...list: number[]) => new DataView(Uint8Array.from(list).buffer);
 // A report of six signed 16-bit numbers, as the device sends it.

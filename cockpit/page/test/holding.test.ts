@@ -21,6 +21,12 @@ for (const [name, value] of Object.entries(globals))
 let begun = 0;
 const motion: Motion = { begin: () => void ++begun, step: () => undefined, end: () => {} };
 const holdingOf = () => new Holding({ beat: () => {}, release: () => {} }, () => {});
+const mouseOf = async (holding: Holding) => {
+  const nothing = () => {};
+  const mouse = new SpaceMouse(holding, () => motion, nothing, nothing);
+  await mouse.choose();
+  return mouse;
+};
 const report = (x: number) => {
   const data = new DataView(new ArrayBuffer(12));
   data.setInt16(0, x, true);
@@ -34,13 +40,7 @@ beforeEach(() => {
 
 test("a SpaceMouse's reports do not renew a hold that the window has ended: its cap must spring back first", async () => {
   const holding = holdingOf();
-  const mouse = new SpaceMouse(
-    holding,
-    () => motion,
-    () => {},
-    () => {},
-  );
-  await mouse.choose();
+  const mouse = await mouseOf(holding);
   mouse.enabled = mouse.capHolds = true;
   report(300);
   assert.equal(begun, 1);
@@ -61,13 +61,7 @@ test("a SpaceMouse out of reach is let go, although its button was never told to
   let now = 1000;
   t.mock.method(performance, "now", () => now);
   const holding = holdingOf();
-  const mouse = new SpaceMouse(
-    holding,
-    () => motion,
-    () => {},
-    () => {},
-  );
-  await mouse.choose();
+  const mouse = await mouseOf(holding);
   mouse.enabled = true;
   const button = new DataView(Uint8Array.of(1).buffer);
   device.dispatchEvent(Object.assign(new Event("inputreport"), { reportId: 3, data: button }));

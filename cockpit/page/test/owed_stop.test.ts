@@ -109,7 +109,7 @@ test("a page that is loaded again sends the stop that was not confirmed, also be
   assert.deepEqual(sent, ["hello", "stop"]);
   assert.deepEqual(messages, [
     "A stop that the run had not confirmed is sent again.",
-    "Stopped: no further run begins.",
+    "Stopped: no further run is started.",
   ]);
   assert.equal(stored.size, 0);
 });

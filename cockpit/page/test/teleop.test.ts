@@ -42,17 +42,6 @@ test("exponential and logarithm are inverse, and rotation agrees with Rodrigues'
   }
 });
 
-test("roll, pitch and yaw are those of R = Rz Ry Rx", () => {
-  for (let k = 0; k < 100; ++k) {
-    const [roll, pitch, yaw] = [random() * 6 - 3, random() * 3 - 1.5, random() * 6 - 3];
-    const q = v.multiply(
-      v.exponential([0, 0, yaw]),
-      v.multiply(v.exponential([0, pitch, 0]), v.exponential([roll, 0, 0])),
-    );
-    near(v.rollPitchYaw(q), [roll, pitch, yaw], 1e-7);
-  }
-});
-
 test("in the camera's axes, away from the operator is where the camera looks, and up is the world's up", () => {
   const looking: v.Vector3 = [1, 0, -0.8]; // along the world's x, from above
   const axes = axesRotation("camera", looking, v.kIdentity, v.kIdentity);

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { boundsFor } from "../src/panels/parameter_list.ts";
-import { rounded, stepFor } from "../src/panels/slider.ts";
+import { rounded, stepFor } from "../src/panels/controls.ts";
 import { clock, fixed, listed, nameAndUnit } from "../src/ui/words.ts";
 
 test("names carry their unit at their end", () => {

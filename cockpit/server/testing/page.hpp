@@ -8,7 +8,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "cockpit/wire/testing/client_frames.hpp"
+#include "cockpit/server/testing/client_frames.hpp"
 
 namespace multipanda::cockpit::test {
 

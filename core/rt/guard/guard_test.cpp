@@ -124,6 +124,21 @@ TEST_F(GuardTest, EveryControlletWithEveryFeatureAndEverySwitch) {
       post_targets(loop, i, k < 10 ? Delivery::goal : Delivery::stream);
       guarded_step(loop, config.name + " with targets");
     }
+    for (std::size_t k = 0; k < instance.inputs().size(); ++k) {
+      const Reference& input = instance.inputs()[k];
+      Request request{.kind = Kind::set_target, .instance = i, .index = static_cast<std::uint16_t>(k)};
+      if (input.spec().quantity == Quantity::pose) {
+        request.target = pose_target(input.pose());
+      } else if (input.spec().quantity == Quantity::joints) {
+        request.target.set({input.joints().data(), input.size()});
+      } else {
+        continue;
+      }
+      request.until.limits[GoalEnd::distance] = 1e-12;
+      post(loop, request);
+      guarded_step(loop, config.name + " with a goal that ends");
+      guarded_step(loop, config.name + " after its end");
+    }
     loop.modes().stop(ArmSet::of(0));
     guarded_step(loop, config.name + " stopped");
     post(loop, {.kind = Kind::resume, .arms = ArmSet::all(2)});

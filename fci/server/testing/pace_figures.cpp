@@ -1,4 +1,5 @@
-// Speed of virtual arms in lock-step, and their regularity in real time: the tables of docs/virtual_arm.md.
+// Speed of virtual arms in lock-step, and their regularity in real time: the tables of
+// docs/results/virtual_arms.md.
 //   virtual_arm_figures [SECONDS]
 // The programs are minimal: bare sockets in a separate process that answer every state at once.
 #include <algorithm>
@@ -28,8 +29,11 @@ Scene scene_with(std::size_t arms) {
 VirtualArmOptions options(std::size_t arms, WorldPace pace) {
   VirtualArmOptions result;
   for (std::size_t i = 0; i < arms; ++i) {
-    result.places.push_back(
-        {.address = test::own_address(static_cast<int>(i)), .port = 0, .gripper_port = 0, .vacuum_port = 0});
+    result.places.push_back({.address = test::own_address(static_cast<int>(i)),
+                             .port = 0,
+                             .gripper_port = 0,
+                             .vacuum_port = 0,
+                             .versions = VersionRange{}});
   }
   result.pace = pace;
   return result;
@@ -176,10 +180,8 @@ void lockstep(std::size_t arms, int periods) {
   const double bound = bare.mj_step_us + n * loopback_us + measured[1];
   std::printf(
       "lock-step, %zu arm%s: %.1f us per period = %.1f x real time (missed: %llu); mj_step %.1f, with the "
-      "arms' "
-      "own behavior %.1f, loopback round trip %.1f each, program %.1f us; %.0f %% of 1/(mj_step + round "
-      "trips "
-      "+ program)\n",
+      "arms' own behavior %.1f, loopback round trip %.1f each, program %.1f us; %.0f %% of 1/(mj_step + "
+      "round trips + program)\n",
       arms, arms == 1 ? "" : "s", measured[0], 1000 / measured[0], static_cast<unsigned long long>(missed),
       bare.mj_step_us, bare.advance_us, loopback_us, measured[1], 100 * bound / measured[0]);
 }

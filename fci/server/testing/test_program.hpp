@@ -153,14 +153,20 @@ class TestProgram {
   }
   // Begins one and reads until a state shows it.
   RobotState begin_torques() {
-    read_newest();
     MoveRequest request;
     request.generator =
         d_.torque_only_needs_generator() ? MoveGenerator::joint_velocity : MoveGenerator::none;
+    return begin(request);
+  }
+  RobotState begin_positions() {
+    return begin({.controller = MoveController::joint_impedance, .generator = MoveGenerator::joint_position});
+  }
+  RobotState begin(const MoveRequest& request) {
+    read_newest_or({});
     move_ = send(request);
     EXPECT_EQ(reply(move_), Status::motion_started);
     return read_until([&](const RobotState& s) {
-      return s.controller_mode == static_cast<std::uint8_t>(ControllerMode::external) &&
+      return s.controller_mode == static_cast<std::uint8_t>(request.controller) &&
              s.motion_generator_mode == static_cast<std::uint8_t>(published(request.generator));
     });
   }

@@ -6,7 +6,7 @@
     env = gymnasium.make("multipanda/Reach-v0", action="impedance")
     envs = gymnasium.make_vec("multipanda/PressCircle-v0", num_envs=64, vectorization_mode="vector_entry_point")
 
-Importing it registers the environments; docs/gymnasium.md describes them.
+Importing it registers the environments; docs/learning.md describes them.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ class TaskEnv(gymnasium.Env[Any, Any]):
             options: As for TaskVectorEnv, but `num_envs` and `autoreset_mode`.
 
         Raises:
-            ValueError: As for TaskVectorEnv.
+            ValueError, TypeError: As for TaskVectorEnv.
         """
         self.vector = TaskVectorEnv(
             task, 1, autoreset_mode=AutoresetMode.DISABLED, render_mode=render_mode, threads=1, **options
@@ -44,7 +44,7 @@ class TaskEnv(gymnasium.Env[Any, Any]):
         return observation[0], {}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """One action. After the end of an episode: reset first."""
+        """Executes one action. After the end of an episode call reset() first."""
         observation, reward, terminated, truncated, infos = self.vector.step(np.asarray(action)[None])
         info = {name: value[0] for name, value in infos.items() if not name.startswith("_")}
         return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), info

@@ -10,8 +10,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from ..rotations import Array
 from ..tasks.actions import LEAD_STEPS
-from ..tasks.rotations import Array
 from ..tasks.task import Numbers, Start, Task
 from .worlds import Worlds
 
@@ -67,13 +67,14 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
             render_mode: None: nothing is rendered.
 
         Raises:
-            ValueError: A kind of action, rate, mode or rendering that there is not.
+            ValueError: A kind of action, rate or mode that there is not.
+            TypeError: A render_mode but None: Stable-Baselines3's `make_vec_env` then tries without.
         """
         mode = AutoresetMode(autoreset_mode)
         if mode is AutoresetMode.SAME_STEP:
             raise ValueError("expected autoreset_mode NEXT_STEP or DISABLED, found SAME_STEP")
         if render_mode is not None:
-            raise ValueError(
+            raise TypeError(
                 f"expected render_mode None, found '{render_mode}': record a run and see its report instead"
             )
         if not 5 <= rate_hz <= 200 or abs(1000 / rate_hz - round(1000 / rate_hz)) > 1e-9:
@@ -90,9 +91,10 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.worlds = Worlds(task, num_envs, self.mapping.controllets, plants=plants, threads=threads)
         self._randoms: list[np.random.Generator] = []
+        self._seeds: list[int] = []
         self._numbers: Numbers = {}
         self._steps = np.zeros(num_envs, dtype=np.int64)
-        self._over = np.zeros(num_envs, dtype=np.bool_)  # these worlds begin again at the next step
+        self._over = np.zeros(num_envs, dtype=np.bool_)  # these worlds are reset at the next step
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -109,20 +111,25 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         self._begin(mask)
         return self._observation(), {}
 
+    @property
+    def np_random_seed(self) -> Any:
+        """The seed of each world; empty before the first reset."""
+        return tuple(self._seeds)
+
     def _seed(self, seed: int | list[int | None] | None, mask: Mask) -> None:
         if isinstance(seed, (int, np.integer)):
-            super().reset(seed=int(seed))
             seeds: list[int | None] = [int(seed) + k for k in range(self.num_envs)]
         else:
             seeds = [None] * self.num_envs if seed is None else list(seed)
         if len(seeds) != self.num_envs:
             raise ValueError(f"expected {self.num_envs} seeds, found {len(seeds)}")
         if not self._randoms:
-            self._randoms = [gymnasium.utils.seeding.np_random(one)[0] for one in seeds]
+            drawn = [gymnasium.utils.seeding.np_random(one) for one in seeds]
+            self._randoms, self._seeds = [random for random, _ in drawn], [own for _, own in drawn]
             return
         for k, one in enumerate(seeds):
             if mask[k] and one is not None:
-                self._randoms[k] = gymnasium.utils.seeding.np_random(one)[0]
+                self._randoms[k], self._seeds[k] = gymnasium.utils.seeding.np_random(one)
 
     def _begin(self, mask: Mask) -> None:
         """Draws and starts an episode in each world of the mask; the others stand still."""
@@ -152,7 +159,7 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         return values.astype(np.float32)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, Info]:
-        """One action in each world. A world whose episode has ended begins again instead (NEXT_STEP)."""
+        """One action in each world. A world whose episode has ended is reset instead (NEXT_STEP)."""
         if not self._randoms:
             raise gymnasium.error.ResetNeeded("expected reset() before the first step()")
         begins = self._over.copy()
@@ -165,7 +172,7 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         due = (self._steps + LEAD_STEPS) / self.mapping.rate_hz
         command = self.mapping.command(actions, states, self.task.around(self._numbers, due))
         if begins.any():
-            self.mapping.reset(states, begins)  # the action of a world that begins again moves nothing
+            self.mapping.reset(states, begins)  # a world that is reset ignores its action
         self.worlds.send(command, runs)
         self.worlds.step(self.mapping.cycles, runs)
         self._steps[runs] += 1

@@ -8,9 +8,9 @@ import numpy as np
 from multipanda_native import Batch
 from numpy.typing import NDArray
 
+from ..rotations import Array
 from ..tasks.actions import Command
 from ..tasks.arms import ArmStates
-from ..tasks.rotations import Array
 from ..tasks.task import Start, Task, Truth
 
 Mask = NDArray[np.bool_]
@@ -42,7 +42,7 @@ class Worlds:
         self.task, self.count, self._plants = task, count, plants
         self._controllets = list(controllets)
         self.batch = Batch(task.scene, count, threads=threads)
-        self._fingers: dict[str, Array] = {}  # what each gripper was told last, NaN: nothing
+        self._fingers: dict[str, Array] = {}  # last command to each gripper, NaN: none
 
     def reset(self, mask: Mask, seeds: NDArray[np.uint64], starts: Mapping[int, Start]) -> None:
         """Begins again in the worlds of the mask, each as a fresh world of its seed."""
@@ -78,7 +78,7 @@ class Worlds:
         self.batch.step(cycles, mask)
 
     def states(self) -> dict[str, ArmStates]:
-        """What the arms measure."""
+        """Measurements of the arms."""
         states = {}
         for arm in self.task.arms:
             seen = self.batch.arms[arm.name]
@@ -87,7 +87,7 @@ class Worlds:
         return states
 
     def truth(self) -> Truth:
-        """What only the simulation knows."""
+        """Values known to the simulation only."""
         wrenches = {arm.name: self.batch.arms[arm.name].F_K_W_true for arm in self.task.arms}
         return Truth(wrenches, {name: self.batch.objects[name] for name in self.task.objects})
 

@@ -1,4 +1,4 @@
-"""What multipanda's LeRobot packages and the export of logs share: names of features, arms as a robot, leaders, data
+"""Shared by multipanda's LeRobot packages and the export of logs: names of features, arms as a robot, leaders, data
 sets. It needs neither LeRobot nor PyTorch (docs/lerobot.md).
 """
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..state import Array
+from ..rotations import Array
 from .stats import statistics
 
 VERSION = "v3.0"
 ROBOT_TYPE = "multipanda"
-_FILE_MB = 100  # a new file begins above it, at an episode
-_CHUNK = 1000  # files of a folder
+_FILE_MB = 100  # a larger file ends with the episode
+_CHUNK = 1000  # files per folder
 _PATH = "{}/chunk-{:03d}/file-{:03d}.parquet"
 
 
@@ -62,7 +62,7 @@ def _features(state_names: list[str], action_names: list[str]) -> dict[str, dict
 
 
 def _table(columns: dict[str, Any], features: dict[str, dict[str, Any]]) -> Any:
-    """Vectors as lists of fixed size, as LeRobot's own writer has them."""
+    """Vectors as lists of fixed size, as in LeRobot's own writer."""
     arrow = _arrow()
     arrays = {}
     for name, about in features.items():
@@ -95,7 +95,7 @@ class _Shards:
 
     @property
     def place(self) -> tuple[int, int]:
-        """Chunk and file that were written last."""
+        """The last written chunk and file."""
         return divmod(self.number, _CHUNK)
 
     def close(self) -> None:

@@ -21,7 +21,7 @@ from .sampling import Choice, LeftOut, RecordedRun, Sampler
 
 
 class Nothing(Exception):
-    """No data set can be made; the text says why and what to do."""
+    """No data set can be made; the text names the reason and the remedy."""
 
 
 def _choice(material: dict[str, Any]) -> Choice:

@@ -33,9 +33,9 @@ class Fingers:
         self._threads: list[threading.Thread] = []
 
     def aim(self, width_m: float, state: GripperState | None) -> None:
-        """Moves the fingers to a width [m], or grasps; a new motion ends the one before. Does not wait."""
+        """Moves the fingers to a width [m], or grasps; a new motion ends the previous one. Does not wait."""
         if self._sent is None and state is not None and not state.grasped:
-            self._sent = state.width_m  # where they are: nothing to do
+            self._sent = state.width_m  # the fingers are already at this width
         grasp = width_m <= self._grasp_below_m
         aim = 0.0 if grasp else width_m
         if self._sent is not None and (aim == self._sent or abs(aim - self._sent) < self._step_m):
@@ -58,15 +58,15 @@ class Fingers:
     def stop(self) -> None:
         """Ends a motion that is under way, so that no hand closes on a person once the arms are held.
 
-        What is held stays held. Never raises.
+        A held object stays held. Never raises.
         """
         if any(thread.is_alive() for thread in self._threads):
             with contextlib.suppress(Error, OSError):
                 self._gripper.stop()
-            self._sent = None  # the next width is sent, even if it is the same
+            self._sent = None  # sends the next width even if it is the same
 
     def close(self) -> None:
-        """Waits a little for answers. What is held stays held."""
+        """Waits briefly for answers. A held object stays held."""
         self._closed = True
         for thread in self._threads:
             thread.join(_JOIN_S)

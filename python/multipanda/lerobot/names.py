@@ -1,6 +1,7 @@
 """Names and numbers of features: the same for a connected robot and for a data set made from logs.
 
-Poses and wrenches are in the frame of the arm's base, so a policy does not depend on where an arm is mounted.
+Poses are in the frame of the arm's base, wrenches in its axes about K: a policy does not depend on where an arm is
+mounted.
 """
 
 from __future__ import annotations
@@ -9,9 +10,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..state import ArmState, Array
+from ..rotations import Array, compose
+from ..state import ArmState
 from ..tasks.arms import in_base, wrench_in_base
-from ..tasks.rotations import compose
 
 ACTIONS = ("joints", "pose")
 OBSERVED = ("joints", "velocities", "torques", "pose", "wrench")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import time
 from collections.abc import Mapping
 
 import numpy as np
@@ -12,21 +11,21 @@ import numpy as np
 from ..client import Client
 from ..controllet import Controllet
 from ..errors import Error, Refused
-from ..follow import Events
-from ..state import ArmState, Array, Pose, RunState
+from ..pose import Pose
+from ..rotations import Array
+from ..state import ArmState, RunState
 from ..stream import Stream
 from .fingers import WIDEST_M, Fingers
 from .names import SteadySigns, action_names, gripper_name, in_world, quantity_names, state_names, state_values
-from .runs import arms_of, close_run, connected, entries, open_run, started_here, take_from, why, with_grippers
+from .runs import Connected, arms_of, close_run, entries, started_here, take_from, with_grippers
 from .settings import RobotSettings
 
 _LOGGER = logging.getLogger("multipanda.lerobot")
-_UNIT_NORM = 0.02  # what a policy's quaternion may differ from 1
+_UNIT_NORM = 0.02  # tolerated deviation of a policy's quaternion from length 1
 _SILENCE = "reference stale"
-_EVENTS_S = 0.1  # they are written beside the loop, a moment after the state
 
 
-class ArmsRobot:
+class ArmsRobot(Connected):
     """One, two or more arms. LeRobot's robot of the package lerobot_robot_multipanda is made of it.
 
     connect() moves nothing. The first action activates the arms' controllets and opens their streams, after it was
@@ -40,17 +39,15 @@ class ArmsRobot:
 
     def __init__(self, settings: RobotSettings) -> None:
         """Raises ValueError for settings that cannot be a robot."""
+        super().__init__()
         settings.check()
         self.settings = settings
         self.silences = 0
-        self._client: Client | None = None
         self._bases: dict[str, Array] = {}
-        self._laws: dict[str, tuple[Controllet, str]] = {}  # and its input
+        self._laws: dict[str, tuple[Controllet, str]] = {}  # controllet and its input, by arm
         self._taken: set[str] = set()  # arms that we have activated a controllet for
         self._streams: dict[str, Stream] = {}
-        self._begun: dict[str, int] = {}  # cycle in which an arm's controllet got it
-        self._events: Events | None = None
-        self._causes: dict[str, tuple[int, str]] = {}  # cycle in which it lost it, and why
+        self._begun: dict[str, float] = {}  # loop time when an arm's controllet got it
         self._fingers: dict[str, Fingers] = {}
         self._signs = SteadySigns()
 
@@ -66,16 +63,6 @@ class ArmsRobot:
         s = self.settings
         return action_names(s.arms, s.action, s.grippers, s.joints)
 
-    @property
-    def connected(self) -> bool:
-        """Whether connect() was called, and disconnect() was not."""
-        return self._client is not None
-
-    @property
-    def client(self) -> Client:
-        """The run. Raises Disconnected before connect()."""
-        return connected(self._client, "the robot")
-
     def connect(self) -> None:
         """Starts the scene or attaches to it. Nothing moves.
 
@@ -84,30 +71,23 @@ class ArmsRobot:
             Timeout: The run does not answer.
             Disconnected: No scene runs.
         """
-        if self._client is not None:
-            raise Refused("connected", "the robot is connected already", "disconnect() first")
         s = self.settings
         for name in ("max_jump_rad", "max_jump_m", "max_turn_rad"):
             if getattr(s, name) > getattr(type(s)(), name):
                 _LOGGER.warning("%s is loosened to %g", name, getattr(s, name))
-        client = open_run(s)
-        try:
-            self._bases = arms_of(client, s.arms, s.joints)
-            self._laws = {arm: _law_of(client, arm, s.action, s.controllets.get(arm)) for arm in s.arms}
-            with_grippers(client, s.grippers)
-            state = client.state()
-            if "wrench" in s.observe and any(state.arms[arm].wrench_n_nm is None for arm in s.arms):
-                raise Refused("no_wrench", "an arm estimates no wrench", "leave it out of `observe`")
-            self._fingers = {
-                arm: Fingers(client.arms[arm].gripper, s.grasp_below_m, s.grasp_force_n, s.gripper_step_m)
-                for arm in s.grippers
-            }
-            with contextlib.suppress(Refused):  # a run that shares no records: a silence then is not told from a stop
-                self._events = client.events()
-        except BaseException:
-            close_run(client)
-            raise
-        self._client = client
+        self._open(s, self._look)
+
+    def _look(self, client: Client) -> None:
+        """Finds the arms, their controllets and fingers."""
+        s = self.settings
+        self._bases = arms_of(client, s.arms, s.joints)
+        self._laws = {arm: _law_of(client, arm, s.action, s.controllets.get(arm)) for arm in s.arms}
+        with_grippers(client, s.grippers)
+        state = client.state()
+        if "wrench" in s.observe and any(state.arms[arm].wrench_n_nm is None for arm in s.arms):
+            raise Refused("no_wrench", "an arm estimates no wrench", "leave it out of `observe`")
+        hand = s.grasp_below_m, s.grasp_force_n, s.gripper_step_m
+        self._fingers = {arm: Fingers(client.arms[arm].gripper, *hand) for arm in s.grippers}
 
     def observe(self) -> dict[str, float]:
         """What the arms measure, at most 0.1 s old: all of one cycle.
@@ -197,7 +177,7 @@ class ArmsRobot:
         return targets, widths
 
     def _check(self, target: Array, state: ArmState) -> None:
-        """Raises Refused if the arm may not move, or not there."""
+        """Raises Refused if the arm may not move, or not to this target."""
         s = self.settings
         if state.stopped:
             raise Refused("arm_stopped", f"arm '{state.arm}' is stopped")
@@ -224,14 +204,15 @@ class ArmsRobot:
             )
 
     def _begin(self, client: Client, state: RunState) -> None:
-        """Activates controllets and opens streams where there is none."""
+        """Activates controllets and opens streams where missing."""
         for arm in [arm for arm in self._streams if state.arms[arm].controllet != self._laws[arm][0].name]:
-            lost, cause = state.arms[arm], self._cause(arm)
+            lost = state.arms[arm]
+            cause = client.lost_by(self._laws[arm][0].name, lost, self._begun[arm])
             if not (lost.held and cause.startswith(_SILENCE)):
                 raise Refused(
                     "not_active",
-                    f"{self._laws[arm][0].name} lost '{arm}', which {lost.controllet} owns now: {cause or why(lost)}",
-                    "see why; the next action begins again if the arm is held",
+                    f"{self._laws[arm][0].name} lost '{arm}', which {lost.controllet} owns now: {cause}",
+                    "check the cause; the next action starts again if the arm is held",
                 )
             self.silences += 1
             self._streams.pop(arm).close()
@@ -251,33 +232,15 @@ class ArmsRobot:
             if channel["controllet"] in laws:
                 raise Refused(
                     "two_owners",
-                    f"somebody else streams to {channel['controllet']} of '{laws[channel['controllet']]}'",
+                    f"another client streams to {channel['controllet']} of '{laws[channel['controllet']]}'",
                     "end that stream first",
                 )
         self._taken |= set(begun)
         answer = client.switch([self._laws[arm][0].name for arm in begun])
         for arm in begun:
             law, name = self._laws[arm]
-            self._begun[arm] = int(answer["cycle"])
+            self._begun[arm] = float(answer["t_s"])
             self._streams[arm] = law.stream(name)
-
-    def _cause(self, arm: str) -> str:
-        """Why the loop took an arm from its controllet, from the run's events; empty if they do not tell."""
-        deadline = time.monotonic() + _EVENTS_S
-        while self._events is not None:
-            while self._events.waiting():
-                event = next(self._events)
-                stopped = event.text.partition("stopped ")[2].partition(";")[0].split(", ")
-                for name, (law, _) in self._laws.items():
-                    if event.kind == "switched" and law.name in stopped:
-                        self._causes[name] = event.cycle, event.text.partition("because of ")[2] or "another switch"
-            cycle, cause = self._causes.get(arm, (0, ""))
-            if cycle > self._begun[arm]:
-                return cause
-            if time.monotonic() > deadline:
-                break
-            time.sleep(0.002)
-        return ""
 
     def hold(self) -> None:
         """Holds the arms that this robot moves, all at the same cycle, and ends motions of fingers. Never raises. The
@@ -327,7 +290,7 @@ def _law_of(client: Client, arm: str, action: str, named: str | None) -> tuple[C
         ((name, (spec,)),) = found.items()
         return client.controllets[name], spec
     if named is not None:
-        raise Refused("unknown_instance", f"'{named}' is not a controllet of '{arm}' alone with one input of {action}")
+        raise Refused("unknown_instance", f"'{named}' does not own '{arm}' alone, or has no single input of {action}")
     if not found:
         raise Refused(
             "unknown_instance",

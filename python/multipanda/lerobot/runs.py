@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..client import Client, connect
 from ..errors import Disconnected, Error, Refused
+from ..rotations import Array
 from ..started import Run, run
-from ..state import ArmState, Array
 from .settings import RunSettings
 
 _LOGGER = logging.getLogger("multipanda.lerobot")
@@ -38,11 +38,37 @@ def close_run(client: Client) -> None:
         _LOGGER.error("the run did not end in order: %s", wrong)
 
 
-def connected(client: Client | None, what: str) -> Client:
-    """The run, or Disconnected."""
-    if client is None:
-        raise Disconnected(f"{what} is not connected", "call connect() first")
-    return client
+class Connected:
+    """Shared by robots and leaders: the run, from connect() to disconnect()."""
+
+    _what = "the robot"
+
+    def __init__(self) -> None:
+        self._client: Client | None = None
+
+    @property
+    def connected(self) -> bool:
+        """Whether connect() was called, and disconnect() was not."""
+        return self._client is not None
+
+    @property
+    def client(self) -> Client:
+        """The run. Raises Disconnected before connect()."""
+        if self._client is None:
+            raise Disconnected(f"{self._what} is not connected", "call connect() first")
+        return self._client
+
+    def _open(self, settings: RunSettings, begin: Callable[[Client], None]) -> None:
+        """Opens the run and begins with it; an exception closes it again."""
+        if self._client is not None:
+            raise Refused("connected", f"{self._what} is connected already", "disconnect() first")
+        client = open_run(settings)
+        try:
+            begin(client)
+        except BaseException:
+            close_run(client)
+            raise
+        self._client = client
 
 
 def started_here(client: Client) -> bool:
@@ -69,13 +95,6 @@ def with_grippers(client: Client, names: list[str]) -> None:
     for name in names:
         if state.arms[name].gripper is None:
             raise Refused("no_gripper", f"arm '{name}' has no gripper", "leave it out of `grippers`")
-
-
-def why(state: ArmState) -> str:
-    """Why an arm does not do what it did."""
-    if state.stopped:
-        return "it is stopped until resume()"
-    return state.reason or state.last_intervention or "another switch or a stop"
 
 
 def entries(client: Client) -> Mapping[str, dict[str, Any]]:

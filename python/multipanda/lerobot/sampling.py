@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..episode import LoggedEpisode
-from ..state import Array
+from ..rotations import Array
 from ..tasks.arms import in_base, wrench_in_base
 from .dataset import Frames
 from .names import SteadySigns
@@ -205,7 +205,7 @@ class Sampler:
             raise LeftOut("is shorter than two frames")
         due = episode.start_s + np.arange(count) / choice.fps
         found = np.searchsorted(self.at, due + 1e-9, side="right") - 1
-        # A mark stands behind the record of its cycle, so the first frame may be that cycle's.
+        # A mark follows the record of its cycle, so that cycle may be the first frame.
         age = np.where(found >= 0, due - self.at[np.maximum(found, 0)], np.inf)
         whole = np.flatnonzero(age < 1 / choice.fps)
         if not len(whole):

@@ -169,7 +169,7 @@ class SpaceMouseSettings(RunSettings):
     force_n: float = 20.0
 
     def check(self) -> None:
-        """Raises ValueError for what cannot lead."""
+        """Raises ValueError for settings that cannot lead."""
         super().check()
         _distinct("arms", self.arms)
         _known("grippers", self.grippers, self.arms)

@@ -1,5 +1,5 @@
 """Tasks for policies, and the mapping from actions to set-points, without Gymnasium and without the simulation: the
-same policy drives simulated, virtual and real arms by them (docs/learning_to_arm.md).
+same policy drives simulated, virtual and real arms by them (docs/learning.md).
 """
 
 from .actions import (

@@ -14,10 +14,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..rotations import Array, compose, conjugate, exponential, inverse, logarithm, multiply, normalized, rotate
 from .arms import States
-from .rotations import Array, compose, conjugate, exponential, inverse, logarithm, multiply, normalized, rotate
 
-# The loop follows a stream one period late. So the nominal pose that an action is added to is that of one step later.
+# The loop follows a stream one period late, so an action is added to the nominal pose of the next step.
 LEAD_STEPS = 1
 
 Key = tuple[str, str]  # a controllet, and one of its inputs or parameters
@@ -328,7 +328,7 @@ class GripperPart:
         if len(self.closed) != count:
             self.closed = np.zeros(count, dtype=np.bool_)
         gripper = states[self.arm].gripper
-        # What is held at the start stays held until the policy opens the hand.
+        # An object that is held at the start stays held until the policy opens the hand.
         self.closed[mask] = False if gripper is None else gripper[mask, 1] > 0.5
 
     def add(self, command: Command, action: Array, states: States, around: Array | None) -> None:

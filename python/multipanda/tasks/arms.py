@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..rotations import Array, compose, conjugate, inverse, rotate
 from ..state import ArmState
-from .rotations import Array, compose, conjugate, inverse, rotate
 
 
 @dataclass(frozen=True)

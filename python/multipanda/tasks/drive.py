@@ -7,16 +7,15 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import Error, Refused, Timeout
-from ..state import Pose
+from ..pose import Pose
+from ..rotations import Array
 from .actions import LEAD_STEPS, ActionMapping, Command
 from .arms import ArmStates
-from .rotations import Array
 from .task import Start, Task
 
 if TYPE_CHECKING:
@@ -26,9 +25,9 @@ if TYPE_CHECKING:
 
 Policy = Callable[[Array], Array]
 
-_NEAR_RAD = 0.3  # the first set-point from the hand
-_BASE_M, _BASE_RAD = 0.005, 0.01  # the run's bases from the task's
-_PATIENCE_S = 5  # for fingers whose motion was stopped
+_NEAR_RAD = 0.3  # largest angle of the first set-point from the hand
+_BASE_M, _BASE_RAD = 0.005, 0.01  # largest deviation of the run's bases from the task's
+_PATIENCE_S = 5  # longest wait for fingers whose motion was stopped
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,8 @@ def _check_owned(mapping: ActionMapping, task: Task, state: RunState) -> None:
         if seen.stopped:
             raise Refused("arm_stopped", f"'{arm.name}' has been stopped")
         if seen.controllet not in mapping.controllets:
-            why = f": {seen.reason}" if seen.reason else ""
+            ended = seen.reason or seen.removed_by.replace("_", " ")
+            why = f": {ended}" if ended else ""
             raise Refused("not_active", f"'{arm.name}' is owned by '{seen.controllet}' now{why}")
 
 
@@ -121,7 +121,7 @@ class _Grippers:
             else:
                 self._run.arms[arm].gripper.move(width_m)
         except Refused:
-            pass  # it missed, or the next motion has ended it: the policy sees the width
+            pass  # the grasp missed, or the next motion ended it; the policy sees the width
         except Error as failed:
             self._failed = failed
 
@@ -136,9 +136,7 @@ class _Grippers:
     def __enter__(self) -> _Grippers:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
         if kind is not None:
             self._stop()
             return
@@ -181,7 +179,7 @@ class _Choice:
     observation: Array
     action: Array
     command: Command
-    read_s: float  # when the state was true
+    read_s: float  # host time of the state
 
     def age_s(self) -> float:
         return time.monotonic() - self.read_s
@@ -289,7 +287,7 @@ def drive(
             due += 1 / rate_hz
             latest = max(latest, now_s - due)
             if now_s > due:
-                due = now_s + 1 / rate_hz  # a whole period from here: two actions in one would be twice as fast
+                due = now_s + 1 / rate_hz  # a late action is not made up for: two in one period would be twice as fast
             time.sleep(max(0.0, due - time.monotonic()))
     return Drive(
         np.arange(len(done)) / rate_hz,

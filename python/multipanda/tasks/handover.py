@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from .actions import ActionMapping, GripperPart, JointsPart, ParameterPart, Part, PosePart, WrenchPart
+from ..rotations import Array, compose, from_rpy
+from .actions import ActionMapping, GripperPart, Part, PosePart, WrenchPart
 from .arms import States
 from .reach import READY_RAD
-from .rotations import Array, compose, from_rpy
-from .task import JOINTS_HIGH_RAD, JOINTS_LOW_RAD, SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
+from .task import SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
 
 BAR_M = np.array([0.4, 0.0, 0.4755])  # where the bar lies
 GRASP_M = 0.08  # from the bar's middle to where a hand grasps it
@@ -39,31 +41,20 @@ class Handover(Task):
 
     def _mapping(self, kind: str) -> ActionMapping:
         parts: list[Part] = []
-        laws = {"wrench": "force", "joints": "joint"}
+        end = {"wrench": "force", "joints": "joint"}.get(kind, "cartesian")
+        box: dict[str, Any] = {"low_m": [0.25, -0.2, 0.4], "high_m": [0.6, 0.2, 0.7]}
         for arm in self.arms:
-            law = f"{arm.name}_{laws.get(kind, 'cartesian')}"
+            law = f"{arm.name}_{end}"
             if kind == "joints":
-                limits = {"low_rad": JOINTS_LOW_RAD, "high_rad": JOINTS_HIGH_RAD}
-                parts.append(JointsPart(law, arm.name, step_rad=0.02, leash_rad=0.15, **limits))
+                parts.append(self._joints(law, arm.name))
             else:
-                parts.append(
-                    PosePart(
-                        law,
-                        "pose",
-                        [arm.name],
-                        arm.base,
-                        step_m=0.01,
-                        low_m=[0.25, -0.2, 0.4],
-                        high_m=[0.6, 0.2, 0.7],
-                        leash_m=0.1,
-                    )
-                )
+                parts.append(PosePart(law, "pose", [arm.name], arm.base, step_m=0.01, leash_m=0.1, **box))
             parts.append(GripperPart(arm.name, width_m=0.04, force_n=40))
             if kind == "impedance":
-                parts.append(ParameterPart(law, "translational_stiffness_n_per_m", "N/m", 100, 2000, count=3))
+                parts.append(self._stiffness(law, 100, 2000))
             if kind == "wrench":
                 parts.append(WrenchPart(law, arm.base, low_n=[-5, -5, -20], high_n=[5, 5, 0]))
-        return ActionMapping([f"{arm.name}_{laws.get(kind, 'cartesian')}" for arm in self.arms], parts)
+        return ActionMapping([f"{arm.name}_{end}" for arm in self.arms], parts)
 
     def draw(self, random: np.random.Generator) -> Start:
         return Start(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from .actions import ActionMapping, JointsPart, ParameterPart, PosePart, WrenchPart
+from ..rotations import Array
+from .actions import ActionMapping, WrenchPart
 from .arms import States, in_base
 from .reach import READY_RAD
-from .rotations import Array
-from .task import JOINTS_HIGH_RAD, JOINTS_LOW_RAD, SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
+from .task import SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
 
 HOLE_M = np.array([0.31, 0.0, 0.345])  # the middle of the hole, at its edge
 DEPTH_M, SUCCESS_M = 0.04, 0.03
@@ -28,29 +30,15 @@ class Insert(Task):
     seconds = 8.0
 
     def _mapping(self, kind: str) -> ActionMapping:
-        if kind == "joints":
-            part = JointsPart(
-                "joint", "arm", step_rad=0.01, low_rad=JOINTS_LOW_RAD, high_rad=JOINTS_HIGH_RAD, leash_rad=0.1
-            )
-            return ActionMapping(["joint"], [part])
-        law = "wipe" if kind == "wrench" else "cartesian"
-        pose = PosePart(
-            law,
-            "pose",
-            ["arm"],
-            self.arms[0].base,
-            step_m=0.004,
-            low_m=[0.26, -0.05, 0.29],
-            high_m=[0.36, 0.05, 0.45],
-            leash_m=0.03,
-        )
-        if kind == "pose":
-            return ActionMapping([law], [pose])
-        if kind == "wrench":
-            force = WrenchPart(law, self.arms[0].base, low_n=[-10, -10, -20], high_n=[10, 10, 0])
-            return ActionMapping([law], [pose, force])
-        stiffness = ParameterPart(law, "translational_stiffness_n_per_m", "N/m", 150, 2000, count=3)
-        return ActionMapping([law], [pose, stiffness])
+        joints = self._joints("joint", "arm", step_rad=0.01, leash_rad=0.1)
+        force = WrenchPart("wipe", self.arms[0].base, low_n=[-10, -10, -20], high_n=[10, 10, 0])
+        pose: dict[str, Any] = {
+            "step_m": 0.004,
+            "low_m": [0.26, -0.05, 0.29],
+            "high_m": [0.36, 0.05, 0.45],
+            "leash_m": 0.03,
+        }
+        return self._of_one_arm(kind, joints, "wipe", force, [self._stiffness("cartesian", 150, 2000)], **pose)
 
     def draw(self, random: np.random.Generator) -> Start:
         error = random.uniform(-0.003, 0.003, 2)

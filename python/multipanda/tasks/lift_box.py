@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from .actions import ActionMapping, JointsPart, ParameterPart, Part, PosePart, ScalarPart, WrenchPart
+from ..rotations import Array, rotate
+from .actions import ActionMapping, Part, PosePart, ScalarPart, WrenchPart
 from .arms import States
-from .rotations import Array, rotate
-from .task import JOINTS_HIGH_RAD, JOINTS_LOW_RAD, SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
+from .task import SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
 
 LEFT_RAD = np.array([0.17439, 0.12345, -0.01783, -2.0577, -0.9564, 1.50686, 1.71419])
 MIRROR = np.array([-1, 1, -1, 1, -1, 1, -1])
@@ -33,45 +35,24 @@ class LiftBox(Task):
 
     def _mapping(self, kind: str) -> ActionMapping:
         if kind == "joints":
-            limits = {"low_rad": JOINTS_LOW_RAD, "high_rad": JOINTS_HIGH_RAD}
-            parts = [
-                JointsPart(f"{arm.name}_joint", arm.name, step_rad=0.02, leash_rad=0.15, **limits) for arm in self.arms
-            ]
-            return ActionMapping(["left_joint", "right_joint"], parts)
+            return ActionMapping(
+                [f"{arm.name}_joint" for arm in self.arms],
+                [self._joints(f"{arm.name}_joint", arm.name) for arm in self.arms],
+            )
+        box: dict[str, Any] = {"low_m": [0.4, -0.1, 0.3], "high_m": [0.6, 0.1, 0.6]}
         if kind == "wrench":
             forces: list[Part] = []
+            wide: dict[str, Any] = {"low_m": [0.35, -0.5, 0.25], "high_m": [0.65, 0.5, 0.65]}
             for arm in self.arms:
                 law = f"{arm.name}_force"
                 inwards = (-40, 0) if arm.name == "left" else (0, 40)  # the law presses that way only
-                forces += [
-                    PosePart(
-                        law,
-                        "pose",
-                        [arm.name],
-                        arm.base,
-                        step_m=0.01,
-                        low_m=[0.35, -0.5, 0.25],
-                        high_m=[0.65, 0.5, 0.65],
-                        leash_m=0.1,
-                    ),
-                    WrenchPart(law, arm.base, low_n=[-10, inwards[0], -10], high_n=[10, inwards[1], 10]),
-                ]
+                forces.append(PosePart(law, "pose", [arm.name], arm.base, step_m=0.01, leash_m=0.1, **wide))
+                forces.append(WrenchPart(law, arm.base, low_n=[-10, inwards[0], -10], high_n=[10, inwards[1], 10]))
             return ActionMapping([f"{arm.name}_force" for arm in self.arms], forces)
-        pose = PosePart(
-            "grasp",
-            "pose",
-            ["left", "right"],
-            pose_of([0, 0, 0]),
-            step_m=0.01,
-            low_m=[0.4, -0.1, 0.3],
-            high_m=[0.6, 0.1, 0.6],
-            axes_of_world=True,
-        )
-        squeeze = ScalarPart("grasp", "squeeze", "N", 0, 40)
-        if kind == "pose":
-            return ActionMapping(["grasp"], [pose, squeeze])
-        stiffness = ParameterPart("grasp", "translational_stiffness_n_per_m", "N/m", 150, 2000, count=3)
-        return ActionMapping(["grasp"], [pose, squeeze, stiffness])
+        hands, world = ["left", "right"], pose_of([0, 0, 0])
+        pose = PosePart("grasp", "pose", hands, world, step_m=0.01, axes_of_world=True, **box)
+        more = [self._stiffness("grasp", 150, 2000)] if kind == "impedance" else []
+        return ActionMapping(["grasp"], [pose, ScalarPart("grasp", "squeeze", "N", 0, 40), *more])
 
     def draw(self, random: np.random.Generator) -> Start:
         shift = random.uniform(-0.004, 0.004, 2)

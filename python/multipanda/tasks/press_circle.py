@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .actions import ActionMapping, JointsPart, ParameterPart, PosePart, WrenchPart
+from ..rotations import Array
+from .actions import ActionMapping, WrenchPart
 from .arms import States, in_base
 from .reach import READY_RAD
-from .rotations import Array
-from .task import JOINTS_HIGH_RAD, JOINTS_LOW_RAD, SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
+from .task import SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
 
 RADIUS_M, PERIOD_S, APPROACH_S = 0.05, 4.0, 0.5
 FIRST_M = np.array([0.3069, 0.0])  # where the circle begins, below the tool's start
 SURFACE_M = 0.36  # top of the scene's table
 HOVER_M = 0.02  # height of the nominal path where it does not press
-HUMPS, HUMP_M = 2, 0.03  # of that path, each so high
-HALVES = 2  # press, hover
-CHANGE_S, LEAD_S = 0.4, 0.1  # so long after and before a change only the path counts
+HUMPS, HUMP_M = 2, 0.03  # number and height of its humps
+HALVES = 2  # it presses in the first, and hovers in the second
+CHANGE_S, LEAD_S = 0.4, 0.1  # after and before a change, when only the path counts
 DOWN = (0.0, 1.0, 0.0, 0.0)
 FORCE_TOLERANCE_N, HEIGHT_TOLERANCE_M = 2.0, 0.0015
 ACROSS_M, ALONG_M = 0.004, 0.02  # tolerances of the path
@@ -40,20 +40,9 @@ class PressCircle(Task):
     seconds = APPROACH_S + PERIOD_S
 
     def _mapping(self, kind: str) -> ActionMapping:
-        if kind == "joints":
-            part = JointsPart(
-                "joint", "arm", step_rad=0.02, low_rad=JOINTS_LOW_RAD, high_rad=JOINTS_HIGH_RAD, leash_rad=0.15
-            )
-            return ActionMapping(["joint"], [part])
-        law = "wipe" if kind == "wrench" else "cartesian"
-        pose = PosePart(law, "pose", ["arm"], self.arms[0].base, step_m=0.1, around=True)
-        if kind == "pose":
-            return ActionMapping([law], [pose])
-        if kind == "wrench":
-            force = WrenchPart(law, self.arms[0].base, low_n=[-5, -5, -20], high_n=[5, 5, 0])
-            return ActionMapping([law], [pose, force])
-        stiffness = ParameterPart(law, "translational_stiffness_n_per_m", "N/m", 100, 3000, count=3)
-        return ActionMapping([law], [pose, stiffness])
+        joints, more = self._joints("joint", "arm"), [self._stiffness("cartesian", 100, 3000)]
+        force = WrenchPart("wipe", self.arms[0].base, low_n=[-5, -5, -20], high_n=[5, 5, 0])
+        return self._of_one_arm(kind, joints, "wipe", force, more, step_m=0.1, around=True)
 
     def draw(self, random: np.random.Generator) -> Start:
         numbers = {
@@ -89,7 +78,7 @@ class PressCircle(Task):
             *[f"path_{axis} [m]" for axis in "xyz"],
             "sin(angle)",
             "cos(angle)",
-            "desired force [10 N], 0 while it is to hover",
+            "desired force [10 N], 0 for hovering",
             "turn, 1 or -1",
         ]
 

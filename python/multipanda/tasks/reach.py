@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from .actions import ActionMapping, JointsPart, ParameterPart, PosePart, WrenchPart
+from ..rotations import Array
+from .actions import ActionMapping, ParameterPart, WrenchPart
 from .arms import States, in_base
-from .rotations import Array
-from .task import JOINTS_HIGH_RAD, JOINTS_LOW_RAD, SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
+from .task import SCENES, Judgment, Numbers, Start, Task, TaskArm, Truth, pose_of
 
 READY_RAD = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
 GOAL_LOW_M, GOAL_HIGH_M = np.array([0.35, -0.25, 0.3]), np.array([0.6, 0.25, 0.6])
@@ -27,32 +29,13 @@ class Reach(Task):
     seconds = 4.0
 
     def _mapping(self, kind: str) -> ActionMapping:
-        if kind == "joints":
-            part = JointsPart(
-                "joint", "arm", step_rad=0.025, low_rad=JOINTS_LOW_RAD, high_rad=JOINTS_HIGH_RAD, leash_rad=0.15
-            )
-            return ActionMapping(["joint"], [part])
-        law = "force" if kind == "wrench" else "cartesian"
-        pose = PosePart(
-            law,
-            "pose",
-            ["arm"],
-            self.arms[0].base,
-            step_m=0.0125,
-            step_rad=0.05,
-            low_m=[0.25, -0.4, 0.22],
-            high_m=[0.7, 0.4, 0.75],
-            leash_m=0.1,
-            leash_rad=0.4,
-        )
-        if kind == "pose":
-            return ActionMapping([law], [pose])
-        if kind == "wrench":
-            force = WrenchPart(law, self.arms[0].base, low_n=[-5, -5, -20], high_n=[5, 5, 0])
-            return ActionMapping([law], [pose, force])
-        stiffness = ParameterPart(law, "translational_stiffness_n_per_m", "N/m", 100, 2000, count=3)
-        damping = ParameterPart(law, "damping_ratio", "", 0.5, 1.5, log=False)
-        return ActionMapping([law], [pose, stiffness, damping])
+        joints = self._joints("joint", "arm", step_rad=0.025)
+        force = WrenchPart("force", self.arms[0].base, low_n=[-5, -5, -20], high_n=[5, 5, 0])
+        damping = ParameterPart("cartesian", "damping_ratio", "", 0.5, 1.5, log=False)
+        box = {"low_m": [0.25, -0.4, 0.22], "high_m": [0.7, 0.4, 0.75]}
+        pose: dict[str, Any] = {"step_m": 0.0125, "step_rad": 0.05, "leash_m": 0.1, "leash_rad": 0.4, **box}
+        more = [self._stiffness("cartesian", 100, 2000), damping]
+        return self._of_one_arm(kind, joints, "force", force, more, **pose)
 
     def draw(self, random: np.random.Generator) -> Start:
         start = READY_RAD + random.uniform(-0.05, 0.05, 7)

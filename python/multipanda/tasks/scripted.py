@@ -9,12 +9,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..rotations import Array
 from .handover import GRASP_M, Handover
 from .insert import Insert
 from .lift_box import LiftBox
 from .press_circle import PressCircle
 from .reach import Reach
-from .rotations import Array
 from .task import Task
 
 BatchPolicy = Callable[[Array], Array]
@@ -47,7 +47,7 @@ def reach(observation: Array) -> Array:
 def press(observation: Array) -> Array:
     """PressCircle by wrenches: the nominal path, and the desired force; the law controls it."""
     seen = Observed(PressCircle(), observation)
-    desired = seen["desired force [10 N], 0 while it is to hover"] * 10
+    desired = seen["desired force [10 N], 0 for hovering"] * 10
     action = np.zeros((len(observation), 6))
     action[:, 2] = np.where(desired > 0, -0.12, 0)  # 12 mm deep: the pose reaches the surface wherever it is
     action[:, 5] = 1 - desired / 10

@@ -6,14 +6,14 @@ import pathlib
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .actions import ActionMapping
+from ..rotations import Array, axes
+from .actions import ActionMapping, JointsPart, ParameterPart, Part, PosePart
 from .arms import ArmStates, States, in_base, wrench_in_base
-from .rotations import Array, axes
 
 SCENES = pathlib.Path(__file__).parent / "scenes"
 ACTION_KINDS = ("pose", "impedance", "wrench", "joints")
@@ -21,7 +21,7 @@ ACTION_KINDS = ("pose", "impedance", "wrench", "joints")
 JOINTS_LOW_RAD = (-2.79, -1.66, -2.79, -2.97, -2.79, 0.08, -2.79)
 JOINTS_HIGH_RAD = (2.79, 1.66, 2.79, -0.17, 2.79, 3.65, 2.79)
 
-Numbers = dict[str, Array]  # what an episode was drawn with: N rows by name
+Numbers = dict[str, Array]  # random numbers of the episodes: N rows by name
 
 
 @dataclass
@@ -132,6 +132,25 @@ class Task(ABC):
         if kind not in self.actions:
             raise ValueError(f"{self.name}: expected an action of {', '.join(self.actions)}; found '{kind}'")
         return self._mapping(kind)
+
+    @staticmethod
+    def _joints(law: str, arm: str, step_rad: float = 0.02, leash_rad: float = 0.15) -> JointsPart:
+        limits = {"low_rad": JOINTS_LOW_RAD, "high_rad": JOINTS_HIGH_RAD}
+        return JointsPart(law, arm, step_rad=step_rad, leash_rad=leash_rad, **limits)
+
+    @staticmethod
+    def _stiffness(law: str, low: float, high: float) -> ParameterPart:
+        return ParameterPart(law, "translational_stiffness_n_per_m", "N/m", low, high, count=3)
+
+    def _of_one_arm(
+        self, kind: str, joints: JointsPart, force_law: str, force: Part, more: Sequence[Part], **pose: Any
+    ) -> ActionMapping:
+        """The mapping of a task with one arm: laws `joint`, `cartesian`, `force_law`; `impedance` adds `more`."""
+        if kind == "joints":
+            return ActionMapping(["joint"], [joints])
+        law = force_law if kind == "wrench" else "cartesian"
+        added = [force] if kind == "wrench" else more if kind == "impedance" else []
+        return ActionMapping([law], [PosePart(law, "pose", ["arm"], self.arms[0].base, **pose), *added])
 
     @property
     def observation_names(self) -> list[str]:

@@ -20,9 +20,8 @@
 
 #include "core/cycle/backend.hpp"
 
-// Conversions of service messages to requests to an arm of n joints. They check what only a message can get
-// wrong (sizes, quaternions); the backend refuses what the arm does not accept. All throw
-// std::invalid_argument.
+// Conversions of service messages to requests to an arm of n joints. They check what is specific to messages
+// (sizes, quaternions); the backend refuses what the arm does not accept. All throw std::invalid_argument.
 namespace multipanda::ros {
 
 inline JointVector joint_values(std::span<const double> values, std::size_t n, const char* what) {
@@ -36,8 +35,7 @@ inline Vector6 vector6(const std::array<double, 6>& values) {
   return Eigen::Map<const Vector6>(values.data());
 }
 
-// Returns a pose of finite numbers, and accepts a quaternion whose length is 1 within 1 %. `what`: its name,
-// for the refusal.
+// Returns a pose of finite numbers; the quaternion's length must be 1 within 1 %. `what`: name in refusals.
 inline Pose read_pose(const geometry_msgs::msg::Pose& pose, const std::string& what) {
   const Vector3 p(pose.position.x, pose.position.y, pose.position.z);
   const Quaternion q(pose.orientation.w, pose.orientation.x, pose.orientation.y, pose.orientation.z);
@@ -54,7 +52,7 @@ inline ArmRequest read_request(const multipanda_msgs::srv::SetLoad::Request& req
   SetLoad out;
   out.load.mass = request.mass;
   out.load.p_FC = Eigen::Map<const Vector3>(request.center_of_mass.data());
-  // Row-major and column-major are the same for a symmetric matrix; the backend refuses others.
+  // A symmetric matrix is the same row-major and column-major; the backend refuses others.
   out.load.inertia_C = Eigen::Map<const Matrix3>(request.load_inertia.data());
   return out;
 }
@@ -102,35 +100,15 @@ inline ArmRequest read_request(const multipanda_msgs::srv::SetGuidingMode::Reque
   return SetGuidingMode{.axes = request.axes, .elbow = static_cast<bool>(request.elbow)};
 }
 
-inline double positive(double value, const char* what) {
-  if (std::isfinite(value) && value > 0) return value;
-  throw std::invalid_argument(fmt::format("{}: expected more than 0, found {:.4g}", what, value));
-}
-
-// Below the least, a gripper would call the vacuum reached while what it holds falls.
-inline double vacuum(double mbar) {
-  constexpr double kLeast = 50, kMost = 1000;  // of the air's 1013 [mbar]
-  if (std::isfinite(mbar) && mbar >= kLeast && mbar <= kMost) return mbar;
-  throw std::invalid_argument(
-      fmt::format("vacuum_mbar: expected {:g} to {:g}, found {:.4g}", kLeast, kMost, mbar));
-}
-
-// Shorter than a service waits: the answer is always the gripper's own.
-inline double vacuum_timeout(double value) {
-  constexpr double kMost = 60;  // [s]
-  if (positive(value, "timeout [s]") <= kMost) return value;
-  throw std::invalid_argument(fmt::format("timeout [s]: expected at most {:g}, found {:.4g}", kMost, value));
-}
-
 inline GripperRequest read_request(const multipanda_msgs::srv::VacuumOn::Request& request) {
-  return VacuumOn{vacuum(request.vacuum_mbar), vacuum_timeout(request.timeout)};
+  return VacuumOn{request.vacuum_mbar, request.timeout};
 }
 
 inline GripperRequest read_request(const multipanda_msgs::srv::VacuumDrop::Request& request) {
-  return VacuumDrop{vacuum_timeout(request.timeout)};
+  return VacuumDrop{request.timeout};
 }
 
-// Refuses a lower threshold above its upper one: nothing would be reported before the arm stops.
+// Refuses a lower threshold above its upper one: contact would not be reported before the arm stops.
 inline void refuse_unordered(const SetCollisionThresholds& asked) {
   for (const auto& set : {asked.nominal, asked.acceleration.value_or(asked.nominal)}) {
     if ((set.torque_lower.array() <= set.torque_upper.array()).all() &&
@@ -140,14 +118,14 @@ inline void refuse_unordered(const SetCollisionThresholds& asked) {
   }
 }
 
-// Refuses thresholds of the reflex above `most`: the arm would press harder on a person before it stops.
+// Refuses reflex thresholds above `most`: the arm would press harder on a person before it stops.
 inline void refuse_looser(const SetCollisionThresholds& asked, const SetCollisionThresholds& most) {
   const auto compare = [](const auto& found, const auto& limit, const char* what, const char* where) {
     for (Eigen::Index i = 0; i < found.size(); ++i) {
       if (found[i] <= limit[i] * (1 + 1e-9)) continue;
       throw std::invalid_argument(
-          fmt::format("{} {}{}: {:.4g} is above {:.4g}, up to which the scene lets the arm press before it "
-                      "stops; ask for less, or raise 'collision' of the arm in the scene",
+          fmt::format("{} {}{}: {:.4g} exceeds {:.4g}, the scene's threshold for a stop of the arm; request "
+                      "less, or raise 'collision' of the arm in the scene",
                       what, where, i + 1, found[i], limit[i]));
     }
   };

@@ -5,7 +5,7 @@
 #include <std_srvs/srv/trigger.hpp>
 #include <stdexcept>
 
-#include "device/arm_settings.hpp"
+#include "arm_interface/arm_settings.hpp"
 #include "ros/adapter/arms/arm_requests.hpp"
 #include "ros/adapter/arms/request_arm.hpp"
 #include "ros/rcl/rcl.hpp"
@@ -15,7 +15,7 @@ namespace {
 
 namespace srv = multipanda_msgs::srv;  // some of its names are also in the core
 
-// Our own services have a field `error`, the standard ones `message`.
+// Our own services have the field `error`, standard ones `message`.
 template <class Response>
 void set_result(Response& response, const RequestAnswer& answer) {
   response.success = answer.success;
@@ -38,8 +38,9 @@ SetCollisionThresholds most_thresholds(const AdapterContext& run, ArmIndex arm) 
 template <class S, class Request>
 void ArmServices::offer(const std::string& name, const std::string& alias, const std::string& doc,
                         std::type_identity_t<std::function<Request(const typename S::Request&)>> read,
-                        double timeout_s) {
+                        double timeout_s, Executor* executor) {
   const AdapterContext* run = &run_;
+  Executor& served_by = executor != nullptr ? *executor : *run_.executor;
   const auto callback = [run, arm = arm_, read, timeout_s](const typename S::Request& request, auto reply) {
     const auto answered = [run, reply](const RequestAnswer& answer) {
       typename S::Response response;
@@ -56,10 +57,10 @@ void ArmServices::offer(const std::string& name, const std::string& alias, const
     request_arm(*run, arm, std::move(converted), timeout_s, answered);
   };
   const std::string full = run_.modes->arm_name(arm_) + "/" + name;
-  services_.push_back(std::make_unique<Service<S>>(*run_.executor, *run_.node, full, Doc{"", doc}, callback));
-  // With `compat: multipanda_ros2` its own types have these names.
+  services_.push_back(std::make_unique<Service<S>>(served_by, *run_.node, full, Doc{"", doc}, callback));
+  // With `compat: multipanda_ros2` its own types use these names.
   if (alias.empty() || run_.options->compat == RosSection::Compat::multipanda_ros2) return;
-  services_.push_back(std::make_unique<Service<S>>(*run_.executor, *run_.node,
+  services_.push_back(std::make_unique<Service<S>>(served_by, *run_.node,
                                                    run_.modes->arm_name(arm_) + "_" + alias,
                                                    Doc{"", "As " + full + "."}, callback));
 }
@@ -95,7 +96,8 @@ ArmServices::ArmServices(const AdapterContext& run, ArmIndex arm) : run_(run), a
       "Axes that are free while a person holds the guiding buttons. The service itself frees nothing. A real "
       "arm must be in hold: torque control is interrupted for it.",
       [run = &run, arm, n](const auto& request) {
-        // A real arm takes it beside a motion only: what a controllet holds with it would be let go.
+        // A real arm applies it outside a motion only; anything that a controllet holds with the arm would
+        // be released.
         const bool simulated = run->backend->capabilities(arm).simulated;
         if (!simulated && run->modes->owner(arm) >= run->modes->arm_count())
           throw std::invalid_argument("a controllet controls the arm: switch the arm to hold first");
@@ -119,9 +121,9 @@ void ArmServices::offer_vacuum() {
   offer<srv::VacuumDrop, GripperRequest>(
       "vacuum/drop", "", "Releases what the vacuum gripper holds: it falls unless something supports it.",
       [](const auto& request) { return read_request(request); }, kGripperTimeout);
-  offer<std_srvs::srv::Trigger, GripperRequest>("vacuum/stop", "",
-                                                "Switches the pump off: a held object falls sooner or later.",
-                                                [](const auto&) { return VacuumStop{}; });
+  offer<std_srvs::srv::Trigger, GripperRequest>(
+      "vacuum/stop", "", "Switches the pump off: a held object falls sooner or later.",
+      [](const auto&) { return VacuumStop{}; }, kArmTimeout, run_.stops);
 }
 
 }  // namespace multipanda::ros

@@ -11,8 +11,8 @@
 
 namespace multipanda::ros {
 
-// Thresholds that a service may set: the scene's; without any, the careful ones on a real arm and the
-// greatest useful ones in simulation.
+// Thresholds that a service may set: the scene's; otherwise the careful ones on a real arm and the largest
+// useful ones in simulation.
 SetCollisionThresholds most_thresholds(const AdapterContext& run, ArmIndex arm);
 
 // Services of one arm that its backend answers: recovery, loads, frames, stiffnesses, contact thresholds,
@@ -28,7 +28,7 @@ class ArmServices : public AdapterPart {
   template <class S, class Request = ArmRequest>
   void offer(const std::string& name, const std::string& alias, const std::string& doc,
              std::type_identity_t<std::function<Request(const typename S::Request&)>> read,
-             double timeout_s = kArmTimeout);
+             double timeout_s = kArmTimeout, Executor* executor = nullptr);
   void offer_vacuum();
 
   const AdapterContext& run_;

@@ -43,7 +43,7 @@ Gripper::Gripper(const AdapterContext& run, ArmIndex arm)
       joints_(*run.node, prefix_ + "joint_states", Qos::reliable(), run.options->rates_hz.gripper,
               period_of(run), "The two fingers; each position is half of the width between them [m]."),
       feedback_due_(kFeedbackRate, period_of(run)),
-      stop_(*run.executor, *run.node, prefix_ + "stop",
+      stop_(*run.stops, *run.node, prefix_ + "stop",
             Doc{"", "Stops the fingers and releases the grasp. A running goal is aborted."},
             [this](const auto&, auto reply) {
               request_arm(run_, arm_, GripperStop{}, kArmTimeout, [this, reply](const RequestAnswer& answer) {
@@ -69,17 +69,17 @@ Gripper::Gripper(const AdapterContext& run, ArmIndex arm)
   move_ = offer<Move>(
       "move", "Moves the fingers to a width [m] at a speed [m/s].",
       [](const Move::Goal& goal) {
-        return GripperMove{not_negative(goal.width, "width [m]"), positive(goal.speed, "speed [m/s]")};
+        return GripperMove{goal.width, goal.speed};
       },
       feedback, result);
   grasp_ = offer<Grasp>(
       "grasp", "Closes or opens the fingers until they meet an object, and holds it with a force [N].",
       [](const Grasp::Goal& goal) {
-        return GripperGrasp{.width = not_negative(goal.width, "width [m]"),
-                            .speed = positive(goal.speed, "speed [m/s]"),
-                            .force = positive(goal.force, "force [N]"),
-                            .tolerance_inner = not_negative(goal.epsilon.inner, "epsilon.inner [m]"),
-                            .tolerance_outer = not_negative(goal.epsilon.outer, "epsilon.outer [m]")};
+        return GripperGrasp{.width = goal.width,
+                            .speed = goal.speed,
+                            .force = goal.force,
+                            .tolerance_inner = goal.epsilon.inner,
+                            .tolerance_outer = goal.epsilon.outer};
       },
       feedback, result);
   command_ = offer<Command>(
@@ -128,6 +128,7 @@ std::unique_ptr<ActionServer<A>> Gripper::offer(
     } catch (const std::invalid_argument& error) {
       return refuse(goal, error.what());
     }
+    if (const std::string why = check(request); !why.empty()) return refuse(goal, why);
     auto running = std::make_shared<Running>();
     running->feedback = [goal, fill](const Width& now) {
       typename A::Feedback feedback;

@@ -16,7 +16,7 @@
 namespace multipanda::ros {
 namespace {
 
-// For records from after the arrival of the goal; a paused simulation makes none.
+// Waiting time for records from after the goal's arrival; a paused simulation produces none.
 constexpr auto kReadyWithin = std::chrono::milliseconds(500);
 
 using FollowResult = control_msgs::action::FollowJointTrajectory::Result;
@@ -121,10 +121,13 @@ std::unique_ptr<ActionServer<A>> MotionActions::offer(
     const std::string& name, const std::string& doc, Quantity quantity,
     std::function<void(const typename A::Goal&, std::shared_ptr<MotionListener>)> begin) {
   using Goal = typename ActionServer<A>::GoalPtr;
-  // A cancel concerns the newest goal's listener only: older goals have ended.
+  // A cancel request concerns the newest goal only: older goals have ended.
   auto newest = std::make_shared<std::weak_ptr<Running<A>>>();
   typename ActionServer<A>::Callbacks callbacks;
-  callbacks.on_goal = [](const typename A::Goal&) { return GoalDecision::accept(); };
+  callbacks.on_goal = [this](const typename A::Goal&) {
+    std::string why = run_.executor->late(kRequestPatience);
+    return why.empty() ? GoalDecision::accept() : GoalDecision::reject(std::move(why));
+  };
   callbacks.on_accepted = [this, quantity, begin, newest](Goal goal) {
     auto running = std::make_shared<Running<A>>(*this, std::move(goal));
     *newest = running;
@@ -183,7 +186,7 @@ MotionActions::MotionActions(const AdapterContext& run, ArmIndex arm)
                    Quantity::pose, [this](const Poses::Goal& goal, std::shared_ptr<MotionListener> listener) {
                      motion_.through_poses(read_poses(goal), goal.velocity_scale, std::move(listener));
                    });
-  // On a node of ros2_control, a trajectory controller of that name may exist in addition to this one.
+  // On a ros2_control node a trajectory controller may use that name.
   const std::string below = run_.options->parameter_services ? "" : "~/";
   follow_ = offer<Follow>(
       below + name + "_arm_controller/follow_joint_trajectory",

@@ -2,7 +2,7 @@
 
 #include <functional>
 
-#include "device/request_patience.hpp"
+#include "arm_interface/request_patience.hpp"
 #include "ros/adapter/adapter_part.hpp"
 
 namespace multipanda::ros {
@@ -12,7 +12,7 @@ inline constexpr double kGripperTimeout = 600;  // for the end of a gripper's mo
 
 // Sends a request to the backend and calls `answered` once on the executor's thread: with the answer, or
 // after `timeout_s` without one. Executor's thread; never waits. Objects that `answered` uses must
-// outlive it.
+// outlive it. The executor of requests that end a motion is AdapterContext::stops.
 void request_arm(const AdapterContext& run, ArmIndex arm, ArmRequest request, double timeout_s,
                  std::function<void(const RequestAnswer&)> answered);
 void request_arm(const AdapterContext& run, ArmIndex arm, GripperRequest request, double timeout_s,

@@ -56,7 +56,7 @@ void read_tolerances(const auto& tolerances, const std::vector<std::string>& joi
         refuse(Result::INVALID_GOAL, fmt::format("the tolerance of '{}' is not finite", each.name));
     }
     if (position.size() == 0) position = velocity = joint_constant(joints.size(), 0);
-    position[j] = std::max(0.0, each.position);  // 0: the default, which is no tolerance; -1: none
+    position[j] = std::max(0.0, each.position);  // 0: the default, meaning no tolerance; -1: none
     velocity[j] = std::max(0.0, each.velocity);
   }
 }
@@ -99,7 +99,7 @@ TrajectoryGoal read_trajectory(const Action::Goal& goal, const std::vector<std::
     to.velocity = spread(point.velocities, order, n, 0, "velocities", i);
     to.acceleration = spread(point.accelerations, order, n, 0, "accelerations", i);
   }
-  // The trajectory ends at rest, since nothing is planned after its last point.
+  // The trajectory must end at rest, since nothing follows its last point.
   const TrajectoryPoint& end = out.points.back();
   if (end.velocity.size() > 0 && end.velocity.lpNorm<Eigen::Infinity>() > 1e-3)
     refuse(Result::INVALID_GOAL, "the last point's velocities must be 0");

@@ -16,7 +16,7 @@ namespace {
 
 namespace srv = multipanda_msgs::srv;
 
-// Thresholds, while the arm moves evenly or while it accelerates.
+// Thresholds for constant velocity or for acceleration.
 struct Thresholds {
   Thresholds(const MessageType& type, std::size_t joints, const std::string& when)
       : lower_torque(type, {"lower_torque_thresholds_" + when}, joints),
@@ -77,7 +77,7 @@ CompatArmServices::CompatArmServices(const AdapterContext& run, const CompatPack
       return read_request(ours, n);
     };
   });
-  // NE_T_EE, from the nominal end effector, which is that of the scene.
+  // NE_T_EE, from the nominal end effector, which is the scene's.
   offer(server + "set_tcp_frame", "SetTCPFrame",
         [X_FN = arm_config(run.scene->arms.at(arm)).frames.X_FE](const MessageType& type) -> Read {
           const Numbers X(type, {"transformation"}, 16);

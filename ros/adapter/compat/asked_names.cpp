@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "core/modes/visit_bits.hpp"
+#include "core/modes/request.hpp"
 #include "ros/adapter/compat/controllet_names.hpp"
 
 namespace multipanda::ros {
@@ -31,7 +31,7 @@ void AskedNames::answered(InstanceSet instances) {
 
 void AskedNames::accept(InstanceIndex instance, const std::string& name, const Answer& answer) {
   Asked& asked = asked_[instance];
-  if (answer.ticket < asked.ticket) return;  // answers are read in any order
+  if (answer.ticket < asked.ticket) return;  // answers may arrive in any order
   asked = {name, answer.cycle, answer.ticket};
 }
 
@@ -39,7 +39,7 @@ std::string AskedNames::name(InstanceIndex instance) {
   if (const auto asked = asked_.find(instance); asked != asked_.end()) {
     const bool active = (modes_.active() & bit(instance)) != 0;
     if (active && changed(instance) <= asked->second.cycle) return asked->second.name;
-    asked_.erase(asked);  // somebody else has stopped or started it since
+    asked_.erase(asked);  // stopped or started by another request since
   }
   return their_name(modes_, instance);
 }
@@ -48,7 +48,7 @@ std::string AskedNames::refusal(InstanceIndex instance, const std::string& askin
   if (about_to_start(instance)) return "set_controllers is about to start the controllet again";
   const std::string active = name(instance);
   if (active == asking) return {};
-  return fmt::format("'{}' is active as '{}': ask set_controllers for '{}' first",
+  return fmt::format("'{}' is active as '{}': request '{}' by set_controllers first",
                      modes_.instance(instance).name(), active, asking);
 }
 

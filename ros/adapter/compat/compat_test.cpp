@@ -44,7 +44,7 @@ TEST_F(Compat, SwitchesByTheirNamesAndLogsRefusals) {
       {{"dual_cartesian_impedance_controller", "left&right"}, {"panda_joint_impedance_controller", "left"}});
   EXPECT_THAT(trouble(kLine), HasSubstr("own arm 'left'"));
   refuse_set({{"panda_joint_impedance_controller", "left"}, {"panda_joint_velocity_controller", "left"}});
-  EXPECT_THAT(trouble(kLine), HasSubstr("are one controllet here, 'left_joint'"));
+  EXPECT_THAT(trouble(kLine), HasSubstr("are both the controllet 'left_joint' here"));
   refuse_set({});
   EXPECT_THAT(trouble(kLine), HasSubstr("names no controllet"));
   // What two hands carry would fall.
@@ -236,7 +236,7 @@ TEST_F(Compat, ArmsTakeTheirRequestsWithOurRefusals) {
   thresholds.upper_torque_thresholds_acceleration[2] = 35;
   const auto above = call<srv::SetFullCollisionBehavior>(service, thresholds);
   EXPECT_FALSE(above.success);
-  EXPECT_THAT(above.error, HasSubstr("35 is above 30"));
+  EXPECT_THAT(above.error, HasSubstr("35 exceeds 30"));
 
   srv::SetTCPFrame::Request frame;
   const double c = std::cos(0.4), s = std::sin(0.4);

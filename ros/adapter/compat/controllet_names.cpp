@@ -6,9 +6,9 @@
 
 #include <fmt/format.h>
 
+#include "common/spelling.hpp"
 #include "ros/adapter/compat/packages.hpp"
 #include "runtime/request_text.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -17,7 +17,7 @@ using Goal = TheirControllet::Goal;
 using Parameters = TheirControllet::Parameters;
 
 constexpr const char* kNoJointLawOfTwo =
-    "multipanda has no joint law of two arms: ask for panda_joint_impedance_controller on each arm";
+    "multipanda has no joint law for two arms: request panda_joint_impedance_controller for each arm";
 
 constexpr std::array<TheirControllet, 12> kControllets{{
     {"panda_joint_impedance_controller", "joint_impedance", 1, Goal::joints, Parameters::joints},
@@ -32,7 +32,7 @@ constexpr std::array<TheirControllet, 12> kControllets{{
      Parameters::cartesian},
     {"twin_cartesian_impedance_controller", "dual_cartesian_impedance", 2, Goal::common_pose,
      Parameters::cartesian},
-    // Their goal is the pose of an object between bases of one place; ours is that of the shared frame.
+    // Their goal is an object pose relative to a common base; ours is the pose of the shared frame.
     {"des_coupled_dual_cartesian_impedance_controller", "coupled_dual_cartesian_impedance", 2},
     {"comless_coupled_dual_cartesian_impedance_controller", "coupled_dual_cartesian_impedance", 2},
     {"comless_dual_joint_impedance_controller", nullptr, 2, Goal::none, Parameters::none, kNoJointLawOfTwo},
@@ -93,7 +93,7 @@ std::optional<InstanceIndex> instance_of(const MultimodeController& modes, const
 }
 
 std::string their_name(const MultimodeController& modes, InstanceIndex instance) {
-  for (const auto& theirs : kControllets) {  // those with a goal come first for each type
+  for (const auto& theirs : kControllets) {  // for each type, those with a goal come first
     if (serves(modes, instance, theirs) &&
         first_instance(modes, theirs, resource_of(modes, instance)) == instance)
       return theirs.name;

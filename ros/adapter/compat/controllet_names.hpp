@@ -8,12 +8,12 @@
 
 namespace multipanda::ros {
 
-// The controllets of multipanda_ros2 and what carries them out here.
+// The controllets of multipanda_ros2 and their counterparts here.
 struct TheirControllet {
   enum class Goal { none, joints, joint_velocity, pose, common_pose, two_poses };
   enum class Parameters { none, joints, cartesian };
   const char* name;
-  const char* type;  // of our controllet; nullptr: there is none, see `instead`
+  const char* type;  // type of our controllet; nullptr: none, see `instead`
   std::size_t arms = 1;
   Goal goal = Goal::none;
   Parameters parameters = Parameters::none;
@@ -22,9 +22,9 @@ struct TheirControllet {
 
 std::span<const TheirControllet> their_controllets();
 
-// The instance that a name and a resource ("left", "left&right") of multipanda_ros2 mean: the first one of
-// the scene with that type and those arms. Names of instances are valid, too. Returns nothing and fills
-// `refusal` if there is none.
+// The instance for a name and a resource ("left", "left&right") of multipanda_ros2: the first one in the
+// scene of that type and with those arms. Instance names are also valid. Returns nothing and fills `refusal`
+// if there is none.
 std::optional<InstanceIndex> instance_of(const MultimodeController& modes, const std::string& name,
                                          const std::string& resource, std::string& refusal);
 

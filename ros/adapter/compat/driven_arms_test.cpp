@@ -174,7 +174,7 @@ TEST_F(Compat, TwoPosesAreFollowedTogetherOrNotAtAll) {
   goals->publish(goal);
   ASSERT_TRUE(wait_for([&] { return refused() == were + 2; })) << "both arms' inputs refuse it";
   EXPECT_EQ(accepted(), taken);
-  EXPECT_THAT(trouble("dual/first_pose"), HasSubstr("dual/second_pose: a number is not finite"));
+  EXPECT_THAT(trouble("dual/first_pose"), HasSubstr("dual/second_pose: number 1 of 7 is not finite"));
   goal.r_pose.position.y = pose_of(state(1).o_t_ee).position.y;
   ASSERT_TRUE(stream(*goals, goal, "dual_cartesian_impedance_controller", "left&right", "dual", [&] {
     return std::abs(newest(0).o_t_ee[14] - goal.l_pose.position.z) < 3e-3 &&

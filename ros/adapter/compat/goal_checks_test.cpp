@@ -184,7 +184,7 @@ TEST_F(Goals, FarFromTheArmAreRefused) {
   const auto direction = [&] { return Vector3(normal(random), normal(random), normal(random)).normalized(); };
   const Pose X = end_effector(1);
   EXPECT_THAT(hand(geometry_msgs::msg::Pose()), HasSubstr("away from the end effector")) << "not filled in";
-  EXPECT_THAT(hand(message_of(fixture.run_context().models[1]->X_WB() * X)), HasSubstr("away"))
+  EXPECT_THAT(hand(message_of(fixture.run_context().models[1]->X_WB() * X)), HasSubstr("out of reach"))
       << "in the world";
   for (int k = 0; k < 5; ++k) {
     Pose X_goal = X;
@@ -254,7 +254,7 @@ TEST_F(Goals, OfAPairAreTakenByBothHandsOrNone) {
   const std::uint64_t before = taken("both/first_pose");
   EXPECT_THAT(pair(X_left, X_far), HasSubstr("both/second_pose: the goal is 0.11 m away"));
   X_far.position.y() = NAN;
-  EXPECT_THAT(pair(X_left, X_far), HasSubstr("both/second_pose: a number is not finite"));
+  EXPECT_THAT(pair(X_left, X_far), HasSubstr("both/second_pose: number 1 of 7 is not finite"));
   EXPECT_EQ(taken("both/first_pose"), before);
   EXPECT_EQ(pair(X_left, X_right), "");
   EXPECT_EQ(taken("both/first_pose"), before + 1);
@@ -286,8 +286,7 @@ TEST_F(Goals, AreTakenUnderTheNameThatWasAskedForOnly) {
   const InstanceIndex joint = find("joint");
   // Never asked for: the name with positions.
   EXPECT_EQ(joints(here), "");
-  EXPECT_THAT(velocity(0),
-              HasSubstr("'joint' is active as '" + kJoint + "': ask set_controllers for '" + kVelocity));
+  EXPECT_THAT(velocity(0), HasSubstr("'joint' is active as '" + kJoint + "': request '" + kVelocity));
   names->ask(bit(joint));
   EXPECT_THAT(joints(here), HasSubstr("about to start"));
   names->answered(bit(joint));

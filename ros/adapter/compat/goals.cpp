@@ -7,11 +7,11 @@
 
 #include <fmt/format.h>
 
+#include "common/spelling.hpp"
 #include "ros/adapter/compat/numbers.hpp"
 #include "ros/adapter/compat/velocity_goal.hpp"
 #include "ros/adapter/names.hpp"
 #include "runtime/request_text.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -48,18 +48,13 @@ InputPort& port_of(const Inputs& inputs, const MultimodeController& modes, Insta
   throw std::invalid_argument("there is no input '" + name + "'");
 }
 
-Pose pose_of(const Target& target) {
-  const auto& v = target.values;
-  return Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
-}
-
 std::vector<double> as_list(const JointVector& v) { return {v.data(), v.data() + v.size()}; }
 
 JointVector as_vector(const std::vector<double>& v) {
   return Eigen::Map<const Eigen::VectorXd>(v.data(), static_cast<Eigen::Index>(v.size()));
 }
 
-// Fields of the message that nothing here follows.
+// Fields of the message that are ignored.
 std::string not_followed(Goal goal) {
   switch (goal) {
     case Goal::joints:
@@ -127,14 +122,16 @@ CompatGoals::Receive CompatGoals::receive_poses(std::vector<PoseGoal> poses, con
   };
 }
 
-// All poses of a message or none: hands that followed two senders would crush or pull what they hold.
+// All poses of a message or none: two hands with different senders would crush or pull the object
+// between them.
 void CompatGoals::take_poses(const std::vector<PoseGoal>& goals, const void* message, double waited_s) {
   const HostTime now = host_now();
   std::vector<Target> targets;
   double timeout_s = 0;
   for (const auto& goal : goals) {
     auto found = goal.port->admits(goal.numbers.read(message), goal.frame, waited_s, &goals, now);
-    if (found.why.empty()) found.why = too_far(pose_of(found.target), arms_.end_effector(goal.arm, now));
+    if (found.why.empty())
+      found.why = too_far(Pose::from(found.target.values.data()), arms_.end_effector(goal.arm, now));
     if (!found.why.empty()) {
       for (const auto& all : goals) all.port->refuse(goal.port->name() + ": " + found.why, found.not_active);
       return;
@@ -147,7 +144,7 @@ void CompatGoals::take_poses(const std::vector<PoseGoal>& goals, const void* mes
 }
 
 std::string CompatGoals::not_asked_for(InstanceIndex instance, const std::string& name) {
-  (void)names_->name(instance);  // forgets it while the instance is inactive, whatever events are lost
+  (void)names_->name(instance);  // clears it while the instance is inactive, even if events were lost
   if ((run_.modes->active() & bit(instance)) != 0) return names_->refusal(instance, name);
   return reason(*run_.modes, {.kind = Request::Kind::set_target, .instance = instance}, Verdict::not_active);
 }
@@ -181,7 +178,7 @@ void CompatGoals::open(const TheirControllet& theirs, InstanceIndex instance, co
     poses.push_back(pose("second_pose", two ? "r_pose" : "pose", 1));
     receive = receive_poses(std::move(poses), law);
   }
-  // A refusal counts at the input's port, like any other.
+  // The input's port counts such a refusal like any other.
   const auto guarded = [this, ports, receive, instance, name = std::string(theirs.name)](const void* message,
                                                                                          double waited_s) {
     const auto refuse = [&](const std::string& why, bool not_active) {

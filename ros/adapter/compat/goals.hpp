@@ -15,18 +15,19 @@
 namespace multipanda::ros {
 
 // The goals of multipanda_ros2, /<resources>/<its controllet>/desired_pose, as streams of our inputs, with
-// their checks, limits and timeouts. Refused as well: goals under a name that was not asked for, far from the
-// arm, or while nobody knows where the arm is.
+// their checks, limits and timeouts. Also refuses goals under a name that was not requested, goals far from
+// the arm, and goals while the arm's state is too old.
 class CompatGoals : public AdapterPart {
  public:
-  // Throws std::invalid_argument for missing types, and for types that do not fit.
+  // Throws std::invalid_argument for missing or unsuitable types.
   CompatGoals(const AdapterContext& run, const CompatPackages& packages, const Inputs& inputs,
               std::shared_ptr<AskedNames> names);
   void take(const CycleRecord& record) override { arms_.take(record); }
   void take(const Event& event) override { arms_.take(event); }
 
  private:
-  using Receive = UntypedSubscription::Callback;  // may throw std::invalid_argument, which refuses
+  using Receive = UntypedSubscription::Callback;  // may throw std::invalid_argument, which refuses the
+                                                  // message
   // One pose of a message for one input, in the base of the input's arm.
   struct PoseGoal {
     InputPort* port;

@@ -69,7 +69,7 @@ TEST(VelocityGoal, StartsAgainWhereTheArmIsAfterAPauseOrARefusal) {
       << "silent for more than 0.1 s";
   EXPECT_NEAR(goal.next(joints(1), joints(0.5), kFresh, at_ms(161))[3], 0.511, 1e-9);
   EXPECT_THAT(refusal([&] { (void)goal.next(joints(1), joints(0.3), kFresh, at_ms(170)); }),
-              HasSubstr("ran 0.22 rad away from the arm"));
+              HasSubstr("set-point is 0.22 rad away from the arm"));
   EXPECT_NEAR(goal.next(joints(0), joints(0.3), kFresh, at_ms(171))[3], 0.3, 1e-9);
   JointVector fast = joints(0.1);
   fast[4] = -2.1;
@@ -175,7 +175,7 @@ TEST(Names, MeanTheFirstInstanceOfTheirTypeAndArms) {
   EXPECT_EQ(found("panda_joint_impedance_controller", "right"), "");
   EXPECT_THAT(why, HasSubstr("no controllet of type 'joint_impedance' for these arms"));
   EXPECT_EQ(found("twin_joint_impedance_controller", "right&left"), "");
-  EXPECT_THAT(why, HasSubstr("panda_joint_impedance_controller on each arm"));
+  EXPECT_THAT(why, HasSubstr("panda_joint_impedance_controller for each arm"));
   EXPECT_EQ(found("panda_joint_impedance_controler", "left"), "");
   EXPECT_THAT(why, HasSubstr("did you mean 'panda_joint_impedance_controller'?"));
   EXPECT_EQ(found("stiff", "right"), "");

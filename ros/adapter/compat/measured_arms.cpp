@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "core/record/arm_config.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::ros {
@@ -28,10 +29,11 @@ void MeasuredArms::take(const CycleRecord& record) {
 }
 
 void MeasuredArms::take(const Event& event) {
-  if (event.kind != EventKind::arm_config || event.arm >= arms_.size()) return;
-  const auto& v = event.values;
+  ArmFrames frames;
+  Load tool, load;
+  if (event.arm >= arms_.size() || !read_arm_config(event, frames, tool, load)) return;
   const std::lock_guard lock(mutex_);
-  arms_[event.arm].X_FE = Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6]));
+  arms_[event.arm].X_FE = frames.X_FE;
 }
 
 MeasuredArms::Joints MeasuredArms::joints(ArmIndex arm, HostTime now) const {

@@ -11,7 +11,7 @@
 
 namespace multipanda::ros {
 
-// Where the arms are, for goals that are refused far from there.
+// Measured arm poses, for refusing goals that are far away.
 class MeasuredArms {
  public:
   explicit MeasuredArms(const RunContext& run);
@@ -24,7 +24,7 @@ class MeasuredArms {
   // Both throw std::invalid_argument before the first record, end_effector() also as check_age() does.
   struct Joints {
     JointVector q;     // (n x 1) [rad]
-    double age_s = 0;  // since the arm was there
+    double age_s = 0;  // age of the measurement
   };
   Joints joints(ArmIndex arm, HostTime now) const;
   Pose end_effector(ArmIndex arm, HostTime now);  // X_WE
@@ -35,7 +35,7 @@ class MeasuredArms {
     double age_s = 0;  // at the start of the cycle
     Pose X_FE;
   };
-  mutable std::mutex mutex_;  // guards:
+  mutable std::mutex mutex_;  // protects:
   std::vector<Arm> arms_;
   HostTime start_{};  // of the newest record's cycle
   bool seen_ = false;
@@ -43,14 +43,14 @@ class MeasuredArms {
   std::vector<ModelTerms> terms_;  // executor's thread; of the flanges
 };
 
-// Records stop while a reader holds up the publisher's thread, or while the run is paused: the arm may be
-// somewhere else by now. Throws std::invalid_argument above kOldestState.
+// Records stop while a reader blocks the publisher's thread, or while the run is paused: the arm may have
+// moved since. Throws std::invalid_argument above kOldestState.
 inline constexpr double kOldestState = 0.05;  // [s]
 void check_age(double age_s);
 
-// Why a goal is too far from the arm; empty: it is not. The distances are those of multipanda_ros2: a goal
-// that was never filled in, or is in another frame, is refused rather than approached, and so is the stream
-// of a trajectory that went on while the arm stood still.
+// Why a goal is too far from the arm; empty: it is not. The distances are those of multipanda_ros2. They
+// refuse goals that were never filled in or are in another frame, and streams of trajectories that continued
+// while the arm did not move.
 inline constexpr double kFarthestPosition = 0.1;   // [m]
 inline constexpr double kFarthestRotation = 0.15;  // [rad]
 inline constexpr double kFarthestJoint = 0.1;      // [rad]

@@ -8,7 +8,7 @@
 
 #include <fmt/format.h>
 
-#include "support/spelling.hpp"
+#include "common/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -16,8 +16,8 @@ namespace {
 using rosidl_typesupport_introspection_cpp::MessageMembers;
 using rosidl_typesupport_introspection_cpp::ServiceMembers;
 
-// A symbol of a package's library that the program loaded at its start; nothing is loaded here. The library
-// stays: types point into it, and another part of the process may have loaded it only for itself.
+// A symbol of a package's library that was loaded at program start; nothing is loaded here. The library stays
+// loaded: types point into it, and another part of the process may have loaded it with local symbols.
 void* symbol(const std::string& package, const std::string& type_support, const std::string& name) {
   const std::string library = "lib" + package + "__rosidl_" + type_support + ".so";
   void* handle = dlopen(library.c_str(), RTLD_NOW | RTLD_NOLOAD | RTLD_NODELETE);
@@ -102,7 +102,7 @@ void add_paths(const MessageMembers& members, const std::string& before, std::ve
     const std::string path = before + field.name_;
     if (field.type_id_ == rosidl_typesupport_introspection_cpp::ROS_TYPE_MESSAGE && !field.is_array_) {
       add_paths(type_of_elements(field).members(), path + ".", paths);
-    } else if (path != "structure_needs_at_least_one_member") {  // what an empty message has
+    } else if (path != "structure_needs_at_least_one_member") {  // member of an empty message
       paths.push_back(path);
     }
   }

@@ -10,9 +10,9 @@
 
 namespace multipanda::ros {
 
-// Message types that the program knows by name only: their fields are found by introspection. Types come from
-// packages that CMake found when the program was built (cmake/ros_compat.cmake), so that no library of
-// another ROS 2 is ever loaded.
+// Message types known to the program by name only: their fields are found by introspection. Types come from
+// packages that CMake found at build time (cmake/ros_compat.cmake), so that no library of another ROS 2 is
+// ever loaded.
 
 // One field, or one element of it; `at` is its place in a message.
 using FieldOf = rosidl_typesupport_introspection_cpp::MessageMember;
@@ -38,7 +38,7 @@ class MessageType {
     std::size_t offset;
   };
   std::optional<Place> place(const std::string& path) const;
-  // The same; throws std::invalid_argument that lists what the type has.
+  // The same; throws std::invalid_argument that lists the fields of the type.
   Place need(const std::string& path) const;
   // Paths of all fields that are not messages themselves, and of arrays of messages.
   std::vector<std::string> paths() const;

@@ -9,11 +9,11 @@
 
 #include <fmt/format.h>
 
-#include "core/modes/visit_bits.hpp"
+#include "common/spelling.hpp"
+#include "core/modes/request.hpp"
 #include "ros/adapter/compat/numbers.hpp"
 #include "ros/adapter/controllets/loop_requests.hpp"
 #include "runtime/request_text.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -29,7 +29,7 @@ std::string chosen(const Instance& law, const char* parameter) {
   return value < choices.size() ? choices[value] : "";
 }
 
-// Throws std::invalid_argument if the law would not use what it is set to.
+// Throws std::invalid_argument if another parameter makes the law ignore the value.
 void must_not_be(const Instance& law, const char* parameter, const char* value, const char* set_to) {
   if (chosen(law, parameter) != value) return;
   throw std::invalid_argument(
@@ -116,7 +116,7 @@ void CompatModes::offer_set(const CompatPackages& packages) {
               if (!instance) break;
               const auto [known, is_new] = asked.try_emplace(*instance, name.read(one));
               if (is_new || known->second == name.read(one)) continue;
-              refusal = fmt::format("'{}' and '{}' are one controllet here, '{}': ask for one of them",
+              refusal = fmt::format("'{}' and '{}' are both the controllet '{}' here: request one of them",
                                     known->second, name.read(one), run_.modes->instance(*instance).name());
               break;
             }
@@ -127,8 +127,8 @@ void CompatModes::offer_set(const CompatPackages& packages) {
         });
 }
 
-// Why active controllets of several arms forbid a switch; empty: they do not. What two hands carry falls if
-// one of them leaves.
+// Why active controllets of several arms prevent a switch; empty: they do not. An object carried by two hands
+// falls if one of them leaves.
 std::string CompatModes::torn_apart(InstanceSet activate) const {
   const MultimodeController& modes = *run_.modes;
   ArmSet named;
@@ -137,14 +137,14 @@ std::string CompatModes::torn_apart(InstanceSet activate) const {
   for_each(InstanceSet{modes.active() & ~activate}, [&](InstanceIndex i) {
     const ArmSet left = modes.instance(i).arms() - named;
     if (left.empty() || !modes.instance(i).arms().overlaps(named)) return;
-    why = fmt::format("'{}' also controls {}: name a controllet for every arm of it, '{}_hold' to hold one",
+    why = fmt::format("'{}' also controls {}: name a controllet for each of its arms, '{}_hold' to hold one",
                       modes.instance(i).name(), joined(names_of(modes, left)), modes.arm_name(left.first()));
   });
   return why;
 }
 
-// As theirs, what is asked for starts again, where the arm is, even if it is active already: its end comes
-// first, in the same cycle.
+// As in multipanda_ros2, requested controllets start again at the arm's position, even if already active:
+// they are stopped first, in the same cycle.
 void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
                             const UntypedService::Reply& reply) {
   const MultimodeController& modes = *run_.modes;
@@ -155,7 +155,7 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
   for (const auto& [instance, by] : asked) {
     const bool starting = (laws & bit(instance)) != 0 && names_->about_to_start(instance);
     if (starting || set_parameters_[instance].under_way > 0)
-      return refuse(kSet, fmt::format("another request {} '{}': ask again",
+      return refuse(kSet, fmt::format("another request {} '{}': try again",
                                       starting ? "is about to start" : "sets parameters of",
                                       modes.instance(instance).name()));
   }
@@ -185,7 +185,7 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
                                 ? "what was active of it has ended, and its arms are held"
                                 : "nothing has started, but the parameters of its names are set"));
     }
-    const InstanceSet others = laws & ~result.answer.plan.start;  // started by somebody else in that cycle
+    const InstanceSet others = laws & ~result.answer.plan.start;  // started by another request in that cycle
     for (const auto& [instance, by] : asked) {
       if ((others & bit(instance)) != 0) continue;
       names_->accept(instance, by, result.answer);
@@ -193,7 +193,7 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
     if (others != 0)
       return refuse(kSet,
                     "another request started one of its controllets at the same time, the others have "
-                    "started: ask again");
+                    "started: try again");
     accept(kSet);
     reply();
   });
@@ -207,7 +207,7 @@ std::vector<Request> CompatModes::given_back(InstanceIndex instance, const std::
   const bool as_set = std::ranges::all_of(set.values(set.last), [&](const Request& request) {
     return std::ranges::equal(law.parameter(request.index), std::span(request.values).first(request.size));
   });
-  // These mean something else then, or nothing.
+  // These have another meaning in that case, or none.
   const bool same =
       chosen(law, "stiffness_axes") != "end_effector" && chosen(law, "damping_design") != "given";
   return as_set && same ? set.values(name) : std::vector<Request>();
@@ -279,8 +279,8 @@ void CompatModes::offer_parameters(const TheirControllet& theirs, InstanceIndex 
             const Vector6 own = stiffness_in_world(K, run_.models[arm]->X_WB().rotation);
             if (K_W && !K_W->isApprox(own, 1e-6))
               throw std::invalid_argument(
-                  "stiffness: the arms' bases stand differently, so that it is not the same for both in the "
-                  "world; both have one stiffness here");
+                  "stiffness: the arms' bases have different orientations, so the stiffness differs in the "
+                  "world; here both arms share one stiffness");
             K_W = own;
           }
           const auto ratios = damping.read(message);
@@ -300,7 +300,7 @@ void CompatModes::offer_parameters(const TheirControllet& theirs, InstanceIndex 
 void CompatModes::set(const std::string& service, const std::string& theirs, InstanceIndex instance,
                       const std::vector<std::pair<std::string, std::vector<double>>>& values,
                       const UntypedService::Reply& reply) {
-  // Another controllet of theirs, which has parameters of its own: the arm is not to be stiff all at once.
+  // Their controllet has parameters of its own: the arm must not become stiff suddenly.
   const bool active = (run_.modes->active() & bit(instance)) != 0;
   if (active || names_->about_to_start(instance)) {
     if (const std::string why = names_->refusal(instance, theirs); !why.empty())

@@ -15,8 +15,8 @@
 namespace multipanda::ros {
 
 // ~/set_controllers, ~/get_controllers and <resources>/<controllet>/parameters of multipanda_ros2. Their
-// answers have no fields. A refused request is therefore not answered, so that nobody takes a stiff arm for a
-// soft one; the log and /diagnostics say why.
+// answers have no fields, so a refused request is not answered: otherwise a stiff arm could be taken for a
+// soft one. The log and /diagnostics give the reason.
 class CompatModes : public AdapterPart {
  public:
   // Throws std::invalid_argument for missing types, and for types that do not fit.
@@ -40,17 +40,16 @@ class CompatModes : public AdapterPart {
            const UntypedService::Reply& reply);
   // The parameters of an instance under each of its names, as requests.
   struct SetParameters {
-    int under_way = 0;  // requests of clients
-    std::string last;   // the name whose values it has; empty: no name has set any
-    std::map<std::string, std::vector<Request>> of;  // what each name has set
-    std::vector<Request> before;                     // of the names that have set none
+    int under_way = 0;  // pending client requests
+    std::string last;   // the name whose values are active; empty: none was set by name
+    std::map<std::string, std::vector<Request>> of;  // values set under each name
+    std::vector<Request> before;                     // values before any name set them
     const std::vector<Request>& values(const std::string& name) const {
       const auto own = of.find(name);
       return own == of.end() ? before : own->second;
     }
   };
-  // The requests that give an instance back what was set under this name, if another name has changed it,
-  // and nobody else since.
+  // Requests that restore the values set under this name, if only another name has changed them since.
   std::vector<Request> given_back(InstanceIndex instance, const std::string& name) const;
   void accept(const std::string& service);
   void refuse(const std::string& service, const std::string& why);
@@ -60,7 +59,7 @@ class CompatModes : public AdapterPart {
   std::shared_ptr<AskedNames> names_;
   std::map<InstanceIndex, SetParameters> set_parameters_;  // executor's thread
   struct Refused {
-    std::string why;  // the newest request of a service was refused; empty: it was not
+    std::string why;  // reason of the newest refusal of a service; empty: not refused
     HostTime logged{};
   };
   mutable std::mutex mutex_;

@@ -70,7 +70,7 @@ MessageType::Place sequence(const MessageType& type, const std::string& path, st
                             const char* what) {
   const MessageType::Place place = type.need(path);
   const FieldOf& field = *place.field;
-  // Bounded ones cannot take every text: what is written later would not fit.
+  // Bounded types are refused: later texts might not fit.
   if (field.type_id_ == of && field.is_array_ && field.array_size_ == 0 && field.string_upper_bound_ == 0)
     return place;
   throw std::invalid_argument(fmt::format("{}.{}: found {}, expected a sequence of {} without bounds",

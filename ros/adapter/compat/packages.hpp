@@ -6,7 +6,7 @@
 
 namespace multipanda::ros {
 
-// The system whose names and types a run has beside its own, and the packages of its messages.
+// The system whose names and types a run offers besides its own, and the packages of its messages.
 struct CompatPackages {
   RosSection::Compat with = RosSection::Compat::none;
   std::string arms = "franka_msgs", modes = "multi_mode_control_msgs";

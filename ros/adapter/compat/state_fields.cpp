@@ -1,12 +1,16 @@
 #include "ros/adapter/compat/state_fields.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
-#include "device/arm_error.hpp"
+#include "arm_interface/arm_error.hpp"
+#include "arm_interface/arm_interface.hpp"
+#include "core/record/record_fields.hpp"
 #include "ros/adapter/names.hpp"
 
 namespace multipanda::ros {
@@ -17,42 +21,45 @@ constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
 
 void fill_unknown(Out out) { std::fill(out.begin(), out.end(), kUnknown); }
 
-// Numbers of the sample, which are NaN unless `has` says that the arm reports them.
-template <class Values>
-auto sampled(Values ArmSample::*values, bool ArmSample::*has = nullptr) {
-  return [values, has](const ArmReport& from, Out out) {
-    if (has != nullptr && !(from.sample.*has)) return fill_unknown(out);
-    std::copy_n((from.sample.*values).begin(), out.size(), out.begin());
-  };
-}
-
-template <class Number>
-auto number(Number ArmSample::*value, double scale = 1) {
-  return [value, scale](const ArmReport& from, Out out) {
-    out[0] = scale * static_cast<double>(from.sample.*value);
-  };
-}
-
 template <class Bits>
-auto flags(Bits ArmSample::*bits, int first = 0) {
+auto flags(Bits ArmSample::*bits, int first) {
   return [bits, first](const ArmReport& from, Out out) {
-    for (std::size_t i = 0; i < out.size(); ++i)
-      out[i] = (from.sample.*bits >> (static_cast<std::size_t>(first) + i) & 1u) != 0 ? 1 : 0;
+    out[0] = (from.sample.*bits >> static_cast<std::size_t>(first) & 1u) != 0 ? 1 : 0;
   };
 }
 
-Pose pose_of(const std::array<double, 12>& values) {
-  return {Eigen::Map<const Matrix3>(values.data() + 3), Eigen::Map<const Vector3>(values.data())};
+// Their fields by our names; empty: they have none.
+using Names = std::map<std::string, std::vector<std::string>>;
+
+// A rule for each quantity of an arm: it is their field of the same name, or as `theirs` says. Lists that the
+// arm does not report are NaN.
+StateRules rules_of_quantities(std::size_t joints, Names theirs) {
+  theirs.insert({{"command_success_rate", {"control_command_success_rate"}}, {"last_motion_errors", {}}});
+  StateRules rules;
+  const auto add = [&](const std::string& ours, std::size_t count, auto values) {
+    const auto found = theirs.find(ours);
+    const std::vector<std::string> paths = found != theirs.end() ? found->second : std::vector{ours};
+    const bool needed = ours == "q" || ours == "dq" || ours == "tau_j";
+    if (!paths.empty()) rules.push_back({paths, count, values, needed});
+  };
+#define MULTIPANDA_RULE(type, member, name, message, known, doc)                   \
+  add(#message, count_of<type>(joints), [joints](const ArmReport& from, Out out) { \
+    NumberWriter to(out.data());                                                   \
+    visit_value(to, #name, from.sample.member, from.sample.known, joints);         \
+  });
+  MULTIPANDA_ARM_FIELDS(MULTIPANDA_RULE)
+#undef MULTIPANDA_RULE
+  return rules;
 }
 
-// Poses as both messages name them. Nothing: the arm does not report it.
+// Poses under the names of both messages. Empty: not reported by the arm.
 using PoseOf = std::function<std::optional<Pose>(const ArmReport&)>;
 
 std::optional<Pose> measured(const ArmReport& from) {
   return from.terms.model().X_WB().inverse() * from.terms.X_WE();
 }
 
-PoseOf reported(std::array<double, 12> ArmSample::*values) {
+PoseOf reported(PoseArray ArmSample::*values) {
   return [values](const ArmReport& from) -> std::optional<Pose> {
     if (!from.sample.has_report) return {};
     return pose_of(from.sample.*values);
@@ -76,14 +83,18 @@ std::vector<NamedPose> poses() {
           {"ee_t_k", [](const ArmReport& from) { return std::optional(from.arm.frames.X_EK); }}};
 }
 
-// The wrench about K in the axes of the base, or of K.
+// As in Franka's interface: about the base's origin in the base's axes, or about K in K's axes.
 auto wrench(bool in_base) {
   return [in_base](const ArmReport& from, Out out) {
     if (!from.sample.has_wrench_estimate) return fill_unknown(out);
-    const Matrix3 R_WA = in_base ? from.terms.model().X_WB().rotation : from.terms.X_WK().rotation;
-    const Eigen::Map<const Vector6> F(from.sample.F_K_W_est.data());
-    Eigen::Map<Vector3>(out.data()) = R_WA.transpose() * F.head<3>();
-    Eigen::Map<Vector3>(out.data() + 3) = R_WA.transpose() * F.tail<3>();
+    const Wrench F_K_W{Eigen::Map<const Vector6>(from.sample.F_K_W_est.data())};
+    const Pose& X_WK = from.terms.X_WK();
+    Eigen::Map<Vector6> F(out.data());
+    if (in_base) {
+      F = F_B_B_of(F_K_W, X_WK.position, from.terms.model().X_WB()).vector;
+    } else {
+      F << X_WK.rotation.transpose() * F_K_W.force(), X_WK.rotation.transpose() * F_K_W.torque();
+    }
   };
 }
 
@@ -96,18 +107,25 @@ void add_errors(StateRules& rules) {
   }
 }
 
-// What both messages have under one name.
-StateRules common_rules() {
-  StateRules rules{{{"time"}, 1, number(&ArmSample::t_robot_ns, 1e-9)},
-                   {{"control_command_success_rate"}, 1, number(&ArmSample::command_success_rate)},
-                   {{"robot_mode"},
-                    1,
-                    [](const ArmReport& from, Out out) {
-                      constexpr std::uint8_t kLast = 6;  // theirs have no mode for a lost connection: other
-                      out[0] = from.sample.mode > kLast ? 0 : from.sample.mode;
-                    },
-                    true}};
+void append(StateRules& rules, const StateRules& more) {
+  rules.insert(rules.end(), more.begin(), more.end());
+}
+
+// Fields with the same name in both messages, and the quantities of the arm.
+StateRules common_rules(std::size_t joints, Names theirs) {
+  StateRules rules{
+      {{"time"},
+       1,
+       [](const ArmReport& from, Out out) { out[0] = 1e-9 * static_cast<double>(from.sample.t_robot_ns); }},
+      {{"robot_mode"},
+       1,
+       [](const ArmReport& from, Out out) {
+         constexpr std::uint8_t kLast = 6;  // theirs have no mode for a lost connection: other
+         out[0] = from.sample.mode > kLast ? 0 : from.sample.mode;
+       },
+       true}};
   add_errors(rules);
+  append(rules, rules_of_quantities(joints, std::move(theirs)));
   return rules;
 }
 
@@ -120,7 +138,7 @@ std::vector<std::string> parts(const std::string& path, std::initializer_list<co
 }  // namespace
 
 std::string error_field(ArmError error) {
-  // libfranka prints these two otherwise than it names them.
+  // libfranka prints these two under other names.
   if (error == ArmError::cartesian_position_motion_generator_invalid_frame)
     return "cartesian_position_motion_generator_invalid_frame";
   if (error == ArmError::tau_j_range_violation) return "tau_j_range_violation";
@@ -137,7 +155,7 @@ void write_transform(const Pose& X, std::span<double> out) {
 Pose read_transform(std::span<const double> values, const std::string& what) {
   const Eigen::Map<const Eigen::Matrix4d> M(values.data());
   const Matrix3 R = M.topLeftCorner<3, 3>();
-  constexpr double kTolerance = 1e-3;  // single precision and sums of it
+  constexpr double kTolerance = 1e-3;  // for sums in single precision
   const bool rotation =
       M.allFinite() && (R.transpose() * R - Matrix3::Identity()).norm() < kTolerance && R.determinant() > 0;
   const bool last = M.allFinite() && (M.row(3) - Eigen::RowVector4d(0, 0, 0, 1)).norm() < kTolerance;
@@ -154,31 +172,17 @@ Pose read_transform(std::span<const double> values, const std::string& what) {
 }
 
 StateRules franka_state_rules(std::size_t n) {
-  StateRules rules = common_rules();
-  const StateRules more{
-      {{"q"}, n, sampled(&ArmSample::q), true},
-      {{"dq"}, n, sampled(&ArmSample::dq), true},
-      {{"tau_j"}, n, sampled(&ArmSample::tau_J), true},
-      {{"tau_j_d"}, n, sampled(&ArmSample::tau_J_d)},
-      {{"tau_ext_hat_filtered"}, n, sampled(&ArmSample::tau_ext, &ArmSample::has_tau_ext)},
-      {{"q_d"}, n, sampled(&ArmSample::q_d, &ArmSample::has_report)},
-      {{"dq_d"}, n, sampled(&ArmSample::dq_d, &ArmSample::has_report)},
-      {{"theta"}, n, sampled(&ArmSample::theta, &ArmSample::has_report)},
-      {{"elbow"}, 2, sampled(&ArmSample::elbow, &ArmSample::has_report)},
-      {{"joint_contact"}, n, flags(&ArmSample::joint_contact)},
-      {{"joint_collision"}, n, flags(&ArmSample::joint_collision)},
-      {{"cartesian_contact"}, 6, flags(&ArmSample::cartesian_contact)},
-      {{"cartesian_collision"}, 6, flags(&ArmSample::cartesian_collision)},
-      {{"o_f_ext_hat_k"}, 6, wrench(true)},
-      {{"k_f_ext_hat_k"}, 6, wrench(false)},
-      {{"m_load"}, 1, [](const ArmReport& from, Out out) { out[0] = from.arm.load.mass; }},
-      {{"f_x_cload"},
-       3,
-       [](const ArmReport& from, Out out) { Eigen::Map<Vector3>(out.data()) = from.arm.load.p_FC; }},
-      {{"i_load"}, 9, [](const ArmReport& from, Out out) {
-         Eigen::Map<Matrix3>(out.data()) = from.arm.load.inertia_C;
-       }}};
-  rules.insert(rules.end(), more.begin(), more.end());
+  StateRules rules = common_rules(n, {{"tau_ext", {"tau_ext_hat_filtered"}}});
+  append(rules,
+         {{{"o_f_ext_hat_k"}, 6, wrench(true)},
+          {{"k_f_ext_hat_k"}, 6, wrench(false)},
+          {{"m_load"}, 1, [](const ArmReport& from, Out out) { out[0] = from.arm.load.mass; }},
+          {{"f_x_cload"},
+           3,
+           [](const ArmReport& from, Out out) { Eigen::Map<Vector3>(out.data()) = from.arm.load.p_FC; }},
+          {{"i_load"}, 9, [](const ArmReport& from, Out out) {
+             Eigen::Map<Matrix3>(out.data()) = from.arm.load.inertia_C;
+           }}});
   for (const auto& named : poses()) {
     rules.push_back({{named.name},
                      16,
@@ -192,22 +196,26 @@ StateRules franka_state_rules(std::size_t n) {
 }
 
 StateRules franka_robot_state_rules(std::size_t n) {
-  StateRules rules = common_rules();
-  const StateRules more{
-      {{"measured_joint_state.position"}, n, sampled(&ArmSample::q), true},
-      {{"measured_joint_state.velocity"}, n, sampled(&ArmSample::dq), true},
-      {{"measured_joint_state.effort"}, n, sampled(&ArmSample::tau_J), true},
-      {{"desired_joint_state.position"}, n, sampled(&ArmSample::q_d, &ArmSample::has_report)},
-      {{"desired_joint_state.velocity"}, n, sampled(&ArmSample::dq_d, &ArmSample::has_report)},
-      {{"desired_joint_state.effort"}, n, sampled(&ArmSample::tau_J_d)},
-      {{"measured_joint_motor_state.position"}, n, sampled(&ArmSample::theta, &ArmSample::has_report)},
-      {{"tau_ext_hat_filtered.effort"}, n, sampled(&ArmSample::tau_ext, &ArmSample::has_tau_ext)},
-      {{"elbow.position"}, 2, sampled(&ArmSample::elbow, &ArmSample::has_report)},
-      {{"collision_indicators.is_joint_contact"}, n, flags(&ArmSample::joint_contact)},
-      {{"collision_indicators.is_joint_collision"}, n, flags(&ArmSample::joint_collision)}};
-  rules.insert(rules.end(), more.begin(), more.end());
-  const auto axes = [&](const std::string& name, std::uint8_t ArmSample::*bits, int first) {
-    rules.push_back({parts("collision_indicators." + name, {"x", "y", "z"}), 3, flags(bits, first)});
+  StateRules rules = common_rules(n, {{"q", {"measured_joint_state.position"}},
+                                      {"dq", {"measured_joint_state.velocity"}},
+                                      {"tau_j", {"measured_joint_state.effort"}},
+                                      {"q_d", {"desired_joint_state.position"}},
+                                      {"dq_d", {"desired_joint_state.velocity"}},
+                                      {"tau_j_d", {"desired_joint_state.effort"}},
+                                      {"theta", {"measured_joint_motor_state.position"}},
+                                      {"tau_ext", {"tau_ext_hat_filtered.effort"}},
+                                      {"elbow", {"elbow.position"}},
+                                      {"joint_contact", {"collision_indicators.is_joint_contact"}},
+                                      {"joint_collision", {"collision_indicators.is_joint_collision"}},
+                                      {"cartesian_contact", {}},
+                                      {"cartesian_collision", {}}});
+  // A separate rule for each, so that a message without one of them keeps the others.
+  const auto axes = [&](const std::string& name, AxisFlags ArmSample::*bits, std::size_t first) {
+    rules.push_back({parts("collision_indicators." + name, {"x", "y", "z"}), 3,
+                     [bits, first](const ArmReport& from, Out out) {
+                       if (!from.sample.has_report) return fill_unknown(out);
+                       for (std::size_t i = 0; i < 3; ++i) out[i] = (from.sample.*bits)[first + i] ? 1 : 0;
+                     }});
   };
   axes("is_cartesian_linear_contact", &ArmSample::cartesian_contact, 0);
   axes("is_cartesian_angular_contact", &ArmSample::cartesian_contact, 3);
@@ -235,10 +243,7 @@ StateRules franka_robot_state_rules(std::size_t n) {
          [pose = named.pose](const ArmReport& from, Out out) {
            const auto X = pose(from);
            if (!X) return fill_unknown(out);
-           const Quaternion q = X->quaternion();
-           const std::array values{
-               X->position.x(), X->position.y(), X->position.z(), q.w(), q.x(), q.y(), q.z()};
-           std::copy(values.begin(), values.end(), out.begin());
+           std::ranges::copy(X->values(), out.begin());
          },
          named.needed});
   }

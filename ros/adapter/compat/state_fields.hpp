@@ -5,13 +5,13 @@
 #include <utility>
 #include <vector>
 
-#include "device/arm_error.hpp"
+#include "arm_interface/arm_error.hpp"
 #include "ros/adapter/compat/field_map.hpp"
 #include "ros/adapter/state/arm_models.hpp"
 
 namespace multipanda::ros {
 
-// What a message about the state of one arm is made from.
+// Sources of a message about the state of one arm.
 struct ArmReport {
   const ArmSample& sample;
   const ArmModels::Arm& arm;
@@ -49,7 +49,8 @@ std::string error_field(ArmError error);
 
 // Column-major 4 x 4.
 void write_transform(const Pose& X, std::span<double> out);
-// The pose in a column-major 4 x 4 matrix. Throws std::invalid_argument if it is none; `what`: its name.
+// The pose in a column-major 4 x 4 matrix. Throws std::invalid_argument if it is not a pose; `what`:
+// its name.
 Pose read_transform(std::span<const double> values, const std::string& what);
 
 }  // namespace multipanda::ros

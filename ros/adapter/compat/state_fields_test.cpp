@@ -13,7 +13,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "device/arm_error.hpp"
+#include "arm_interface/arm_error.hpp"
 #include "ros/adapter/compat/arm_services.hpp"
 #include "ros/adapter/compat/state_topics.hpp"
 #include "ros/adapter/state/testing/state_fixture.hpp"
@@ -155,15 +155,17 @@ TEST(StateFields, HoldWhatTheArmReports) {
     EXPECT_THAT(state.o_t_ee_d, ElementsAreArray({0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 1, 2, 3, 1}));
     EXPECT_LT((matrix(other.o_t_ee_c) - matrix(state.o_t_ee_c)).norm(), kTiny);
 
-    // The wrench in world axes is that in the base turned by the base, and that in K turned by K.
+    // Turned into world axes, the one is about the base's origin and the other about K, as in our record.
     const Eigen::Map<const Vector6> F(both.sample().F_K_W_est.data());
     const Eigen::Map<const Vector6> F_O(state.o_f_ext_hat_k.data()), F_K(state.k_f_ext_hat_k.data());
     const Matrix3 R_WB = both.X_WB.topLeftCorner<3, 3>();
-    const Matrix3 R_WK = (both.X_WE * matrix(state.ee_t_k)).topLeftCorner<3, 3>();
-    for (const int half : {0, 3}) {
-      EXPECT_LT((R_WB * F_O.segment<3>(half) - F.segment<3>(half)).norm(), kTiny);
-      EXPECT_LT((R_WK * F_K.segment<3>(half) - F.segment<3>(half)).norm(), kTiny);
-    }
+    const Eigen::Matrix4d X_WK = both.X_WE * matrix(state.ee_t_k);
+    const Matrix3 R_WK = X_WK.topLeftCorner<3, 3>();
+    const Vector3 p_BK_W = (X_WK - both.X_WB).topRightCorner<3, 1>();
+    EXPECT_LT((R_WB * F_O.head<3>() - F.head<3>()).norm(), kTiny);
+    EXPECT_LT((R_WB * F_O.tail<3>() - F.tail<3>() - p_BK_W.cross(F.head<3>())).norm(), kTiny);
+    EXPECT_LT((R_WK * F_K.head<3>() - F.head<3>()).norm(), kTiny);
+    EXPECT_LT((R_WK * F_K.tail<3>() - F.tail<3>()).norm(), kTiny);
     EXPECT_LT((vector(other.o_f_ext_hat_k.wrench) - F_O).norm(), kTiny);
     EXPECT_LT((vector(other.k_f_ext_hat_k.wrench) - F_K).norm(), kTiny);
   }

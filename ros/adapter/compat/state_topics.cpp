@@ -2,8 +2,8 @@
 
 #include <map>
 
+#include "common/spelling.hpp"
 #include "ros/adapter/state/topic.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -68,7 +68,7 @@ void CompatState::offer_states() {
         Doc{"", "States of these arms, at the next cycle."},
         [this, arms = arms](const void*, const UntypedService::Reply& reply) {
           const std::lock_guard lock(mutex_);
-          // A paused run keeps the newest ones, as many as the queue of a service does.
+          // A paused run keeps the newest requests, as many as a service's queue holds.
           if (asked_.size() >= kServiceDepth) asked_.erase(asked_.begin());
           asked_.push_back({arms, reply});
         }));

@@ -8,8 +8,7 @@
 #include "ros/adapter/compat/message_type.hpp"
 #include "ros/rcl/rcl.hpp"
 
-// Publishers, subscriptions and services of types that are known by name only. Threads as of those in
-// ros/rcl.
+// Publishers, subscriptions and services of types known by name only. Threads as in ros/rcl.
 namespace multipanda::ros {
 
 class UntypedPublisher : public PublisherBase {
@@ -22,7 +21,7 @@ class UntypedPublisher : public PublisherBase {
 
 class UntypedSubscription : public SubscriptionBase {
  public:
-  // `waited_s`: for how long the message had waited in this computer.
+  // `waited_s`: waiting time of the message in this computer.
   using Callback = std::function<void(const void* message, double waited_s)>;
   UntypedSubscription(Executor& executor, Node& node, const std::string& name, const MessageType& type,
                       const Qos& qos, const Doc& doc, Callback callback)
@@ -77,7 +76,7 @@ class UntypedService : public ServiceBase {
   bool take() override {
     rmw_request_id_t id;
     const auto request = type_.request.make();
-    if (!core_->take(id, request.get())) return false;
+    if (!take_any(id, request.get())) return false;
     callback_(request.get(), Reply(core_, id, type_.response));
     return true;
   }

@@ -40,10 +40,10 @@ JointVector VelocityGoal::next(const JointVector& dq, const JointVector& q, doub
   Eigen::Index farthest = 0;
   if (const double distance = (q_d - q).cwiseAbs().maxCoeff(&farthest); distance > kWindow) {
     ran_away_ = RanAway{farthest, q_d[farthest] > q[farthest] ? 1.0 : -1.0};
-    throw std::invalid_argument(fmt::format(
-        "joint {}: its set-point ran {:.4g} rad away from the arm, more than {:g}: it moves slower than "
-        "requested",
-        farthest + 1, distance, kWindow));
+    throw std::invalid_argument(
+        fmt::format("joint {}: its set-point is {:.4g} rad away from the arm, more than {:g}: the joint "
+                    "moves slower than requested",
+                    farthest + 1, distance, kWindow));
   }
   q_d_ = q_d;
   dq_ = dq;

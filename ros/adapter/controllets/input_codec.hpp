@@ -10,8 +10,8 @@
 #include "core/reference/reference.hpp"
 
 // Lets inputs of controllets take message types of the user's own, in place of the standard one or beside it.
-// A library of the scene (core/plugin/plugin.hpp) says how to read the message; topics, checks, frames and
-// counters stay the adapter's.
+// A library of the scene (core/plugin/plugin.hpp) reads the message; topics, checks, frames and counters
+// remain the adapter's.
 //
 //   MULTIPANDA_INPUT_CODECS(codecs) {
 //     codecs.push_back(multipanda::ros::input_codec<my_msgs::msg::Wall>("virtual_wall", "wall",
@@ -22,7 +22,7 @@
 //     codecs.push_back(multipanda::ros::input_codec_for<TransformStamped>(Quantity::pose, "tracker", read));
 //   }
 //
-// The newest message of all topics of an input counts: let one sender at a time stream to it.
+// The newest message over all topics of an input counts: only one sender at a time should stream to it.
 namespace multipanda::ros {
 
 // The content of one message.

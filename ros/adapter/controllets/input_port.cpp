@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "ros/rcl/executor.hpp"
 #include "runtime/request_text.hpp"
 
 namespace multipanda::ros {
@@ -24,7 +25,7 @@ InputPort::InputPort(const AdapterContext& run, InstanceIndex instance, std::siz
       instance_(instance),
       input_(static_cast<std::uint16_t>(input)),
       reference_(&run.modes->instance(instance).inputs()[input]),
-      reader_(reference_->spec(), reference_->size(), named_arms(run),
+      reader_(reference_->spec(), named_arms(run),
               run.modes->instance(instance).arm_list()[reference_->spec().arm]),
       name_(run.modes->instance(instance).name() + "/" + reference_->spec().name) {}
 
@@ -54,20 +55,15 @@ std::string InputPort::obstacle(const Target& target, double waited_s, const voi
   const bool stream = target.delivery == Delivery::stream;
   if (stream && from != streams_ && now < streams_until_)
     return "another topic of this input streams to it: stop that one first";
-  // What an overloaded computer hands over this late was for an arm that was somewhere else.
+  // A message delayed this long by an overloaded computer was meant for another position of the arm.
   const double patience = stream ? reference_->spec().timeout_s : MultimodeController::kPatience;
   if (waited_s > patience)
     return fmt::format("it waited for more than {:g} s in this computer, which is overloaded", patience);
-  if (run_.reach) {
-    const Instance& instance = run_.modes->instance(instance_);
-    std::string why = run_.reach->refusal(instance, reference_->spec(), target.values);
-    if (!why.empty()) return why;
-  }
-  not_active = (run_.modes->active() & bit(instance_)) == 0;
-  if (not_active) return reason(*run_.modes, request_for(target), Verdict::not_active);
-  if (!stream) return {};  // the post of a request checks it
-  const Verdict verdict = reference_->check(target);
-  return verdict == Verdict::accepted ? "" : reason(*run_.modes, request_for(target), verdict);
+  if (std::string why = run_.executor->late(patience); !why.empty()) return why;
+  const Request request = request_for(target);
+  const Verdict verdict = run_.modes->check_sample(request);
+  not_active = verdict == Verdict::not_active;
+  return verdict == Verdict::accepted ? "" : reason(*run_.modes, request, verdict);
 }
 
 Request InputPort::request_for(const Target& target) const {
@@ -93,12 +89,14 @@ bool InputPort::conclude(InputReader::Refusal refusal, const Target& target, dou
   }
   const Request request = request_for(target);
   std::uint64_t ticket = 0;
-  return settle(run_.modes->post(std::span(&request, 1), ticket), request);
+  return settle(
+      run_.modes->post(std::span(&request, 1), ticket, MultimodeController::kPatience, run_.executor->sent()),
+      request);
 }
 
 bool InputPort::post(const Target& sample, const void* from, HostTime until) {
-  // Straight to the input: the loop takes the newest.
-  if (!settle(reference_->post(sample), request_for(sample))) return false;
+  const Request request = request_for(sample);
+  if (!settle(run_.modes->post_sample(request), request)) return false;
   streams_ = from;
   streams_until_ = until;
   return true;
@@ -123,7 +121,7 @@ void InputPort::note(std::string why, bool not_active) {
     const std::lock_guard lock(mutex_);
     ++counts_.received;
     ++counts_.refused;
-    // It is normal that publishers stream to a controllet while another one runs: warn once, then only count.
+    // Publishers normally stream while another controllet is active: warn once, then only count.
     is_new = !not_active || counts_.last_accepted || counts_.last_reason != why;
     counts_.last_accepted = false;
     counts_.last_not_active = not_active;

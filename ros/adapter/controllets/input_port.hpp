@@ -23,9 +23,9 @@ class InputPort {
     bool last_not_active = false;  // refused only because the controllet is not active
   };
 
-  // Runs in the executor's thread. `waited_s`: the message, before this thread took it. `from`: the topic.
-  // While one topic streams, streams of another are refused: an operator who lets go must find the arm held.
-  // Returns whether the message was accepted.
+  // Runs in the executor's thread. `waited_s`: waiting time of the message before this thread took it.
+  // `from`: the topic. While one topic streams, streams of others are refused, so that the arm is held when
+  // an operator releases the dead-man switch. Returns whether the message was accepted.
   template <class M>
   bool receive(const M& message, Delivery delivery, double waited_s = 0, const void* from = nullptr) {
     Target target;
@@ -35,20 +35,20 @@ class InputPort {
   }
   bool receive(const std::vector<double>& values, const std::string& frame, Delivery delivery,
                double waited_s = 0, const void* from = nullptr);
-  // What receive() finds of a stream's values before it posts them.
+  // Result of the checks before a stream's values are posted.
   struct Admission {
     Target target;
-    std::string why;          // it refuses them; empty: it does not
+    std::string why;          // reason of a refusal; empty: accepted
     bool not_active = false;  // only because the controllet is not active
   };
-  // All checks of receive() at a time, and nothing else: for messages with values for several inputs, which
-  // all of them take or none.
+  // All checks of receive(), without side effects: for messages with values for several inputs, which are
+  // taken together or not at all.
   Admission admits(const std::vector<double>& values, const std::string& frame, double waited_s,
                    const void* from, HostTime now) const;
-  // Posts what admits() let pass. Until `until`, streams of other topics are refused; inputs of one message
-  // have one `until`, so that no other topic gets one of them alone. Returns whether it was accepted.
+  // Posts values that admits() accepted. Until `until`, streams of other topics are refused; inputs of one
+  // message share `until`, so that no other topic takes only one of them. Returns whether it was accepted.
   bool post(const Target& sample, const void* from, HostTime until);
-  // For a message that cannot be read, or that is not for this controllet (`not_active`: warned of once).
+  // For a message that cannot be read, or that is not for this controllet (`not_active`: warned about once).
   void refuse(const std::string& why, bool not_active = false);
 
   const std::string& name() const { return name_; }  // "pose0/pose"
@@ -59,7 +59,7 @@ class InputPort {
 
  private:
   bool conclude(InputReader::Refusal refusal, const Target& target, double waited_s, const void* from);
-  // Why it cannot be posted; empty: it can. Adds to the readers' checks those of this moment.
+  // Why it cannot be posted; empty: it can. Adds checks of the present state to those of the reader.
   std::string obstacle(const Target& target, double waited_s, const void* from, HostTime now,
                        bool& not_active) const;
   Request request_for(const Target& target) const;
@@ -72,7 +72,7 @@ class InputPort {
   Reference* reference_;
   InputReader reader_;
   std::string name_;
-  const void* streams_ = nullptr;  // the topic that streams, until then
+  const void* streams_ = nullptr;  // the streaming topic, until that time
   HostTime streams_until_{};
   mutable std::mutex mutex_;
   Counts counts_;

@@ -1,13 +1,11 @@
 #include "ros/adapter/controllets/input_reader.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #include <fmt/format.h>
 
+#include "common/spelling.hpp"
 #include "ros/adapter/names.hpp"
-#include "runtime/target_values.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -35,8 +33,8 @@ std::string message_type(Quantity quantity) {
   return "std_msgs/msg/Float64";
 }
 
-InputReader::InputReader(const InputSpec& spec, std::size_t size, std::vector<NamedArm> arms, std::size_t arm)
-    : spec_(spec), size_(size), arms_(std::move(arms)), arm_(arm) {
+InputReader::InputReader(const InputSpec& spec, std::vector<NamedArm> arms, std::size_t arm)
+    : spec_(spec), arms_(std::move(arms)), arm_(arm) {
   joints_ = joint_names(arms_[arm_].name, arms_[arm_].model->joint_count());
   if (!has_frame(spec_.quantity)) return;
   frames_.emplace_back(spec_.frame, std::nullopt);
@@ -106,42 +104,23 @@ InputReader::Refusal InputReader::read(const sensor_msgs::msg::JointState& messa
 
 InputReader::Refusal InputReader::read(const std::vector<double>& values, const std::string& frame,
                                        Target& target) const {
-  if (values.size() != size_) return fmt::format("{} values; expected {}", values.size(), size_);
-  std::copy(values.begin(), values.end(), target.values.begin());
-  target.size = static_cast<std::uint8_t>(size_);
+  target.set(values);
   return finish(frame, target);
 }
 
 InputReader::Refusal InputReader::take(std::initializer_list<double> values, const std::string& frame,
                                        Target& target) const {
-  std::copy(values.begin(), values.end(), target.values.begin());
-  target.size = static_cast<std::uint8_t>(values.size());
+  target.set(values);
   return finish(frame, target);
 }
 
 InputReader::Refusal InputReader::finish(const std::string& frame, Target& target) const {
-  const std::span<double> values(target.values.data(), target.size);
-  if (!std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); }))
-    return "a number is not finite";
   const auto named =
       std::find_if(frames_.begin(), frames_.end(), [&](const auto& f) { return f.first == frame; });
   if (has_frame(spec_.quantity) && !frame.empty() && named == frames_.end())
     return fmt::format("there is no frame {}{}", shortened(frame),
                        name_hint(frame, frames(), "there is none"));
-  if (spec_.quantity == Quantity::pose) {
-    const double norm = std::hypot(std::hypot(values[3], values[4]), std::hypot(values[5], values[6]));
-    if (std::abs(norm - 1) > 1e-2)
-      return fmt::format("the quaternion's length is {:.6g}; expected a unit quaternion", norm);
-  }
-  if (spec_.quantity == Quantity::joints) {
-    const ArmModel& model = *arms_[arm_].model;
-    if (const auto joint = joint_beyond_limit(model, values)) {
-      const auto k = static_cast<Eigen::Index>(*joint);
-      return fmt::format("joint '{}': {:.6g} rad is outside of {:.6g} to {:.6g} rad", joints_[*joint],
-                         values[*joint], model.limits().q_min[k], model.limits().q_max[k]);
-    }
-  }
-  if (named != frames_.end() && named->second) to_world(spec_.quantity, *named->second, values);
+  if (named != frames_.end() && named->second) target.to_world(spec_.quantity, *named->second);
   return {};
 }
 

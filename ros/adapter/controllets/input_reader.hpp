@@ -16,7 +16,7 @@
 
 namespace multipanda::ros {
 
-// An arm of a run, as messages name it.
+// An arm of a run, by its names in messages.
 struct NamedArm {
   std::string name;
   std::shared_ptr<const ArmModel> model;
@@ -30,17 +30,18 @@ struct NamedArm {
 // arm's order; joints of other arms in the same message are ignored.
 class InputReader {
  public:
-  // `size`: of the input (Reference::size). `arm`: index in `arms` of the arm that the input belongs to.
-  InputReader(const InputSpec& spec, std::size_t size, std::vector<NamedArm> arms, std::size_t arm);
+  // `arm`: index in `arms` of the input's arm.
+  InputReader(const InputSpec& spec, std::vector<NamedArm> arms, std::size_t arm);
 
-  // Fills values and size of the target. Returns nothing, or the reason for the refusal.
+  // Fills values and size of the target. Returns nothing, or why the message cannot be read: unknown joints
+  // and frames. The loop checks the numbers.
   using Refusal = std::optional<std::string>;
   Refusal read(const geometry_msgs::msg::PoseStamped& message, Target& target) const;
   Refusal read(const geometry_msgs::msg::TwistStamped& message, Target& target) const;
   Refusal read(const geometry_msgs::msg::WrenchStamped& message, Target& target) const;
   Refusal read(const sensor_msgs::msg::JointState& message, Target& target) const;
   Refusal read(const std_msgs::msg::Float64& message, Target& target) const;
-  // Takes values in the order of Target, in a named frame, as a codec delivers them.
+  // Takes values in the order of Target, in a named frame, from a codec.
   Refusal read(const std::vector<double>& values, const std::string& frame, Target& target) const;
 
   std::vector<std::string> frames() const;  // all accepted names but ""
@@ -51,7 +52,6 @@ class InputReader {
   Refusal finish(const std::string& frame, Target& target) const;
 
   InputSpec spec_;
-  std::size_t size_;
   std::vector<NamedArm> arms_;
   std::size_t arm_;
   std::vector<std::string> joints_;                                  // names of the joints of the input's arm

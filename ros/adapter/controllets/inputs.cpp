@@ -6,16 +6,16 @@
 
 #include <fmt/format.h>
 
-#include "support/spelling.hpp"
+#include "common/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
 
-// Only the newest message of a stream matters; a goal must not be lost.
+// Only the newest message of a stream matters; goals must not be lost.
 const Qos kStreamQos = Qos::sensor(1);
 const Qos kGoalQos = Qos::reliable(10);
 
-// A subscription whose message type only a codec knows.
+// A subscription with a message type known only to its codec.
 class CodecSubscription : public SubscriptionBase {
  public:
   CodecSubscription(const AdapterContext& run, const std::string& name, const Qos& qos, const Doc& doc,
@@ -38,7 +38,7 @@ class CodecSubscription : public SubscriptionBase {
     } catch (const std::exception& error) {
       values.refusal = error.what();
     } catch (...) {
-      values.refusal = "its codec threw something that is no std::exception; repair the codec";
+      values.refusal = "its codec threw something other than std::exception; repair the codec";
     }
     if (values.refusal.empty()) {
       port_.receive(values.numbers, values.frame, delivery_, waited_s(), this);
@@ -112,7 +112,7 @@ bool applies(const InputCodec& codec, const Instance& instance, const InputSpec&
   return codec.controllet == instance.descriptor().type && codec.input == input.name;
 }
 
-// Only a codec for one input may do without a topic of its own.
+// Only a codec for a single input may omit its own topic.
 bool is_topic(const InputCodec& codec) {
   const std::string& name = codec.topic;
   if (name.empty()) return !codec.controllet.empty();
@@ -153,9 +153,8 @@ void check_codecs(const std::vector<InputCodec>& codecs, const MultimodeControll
   }
   for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {
     const Instance& instance = modes.instance(i);
-    std::vector<std::string> inputs;
+    const std::string& type = instance.descriptor().type;
     for (const Reference& reference : instance.inputs()) {
-      inputs.push_back(reference.spec().name);
       std::map<std::string, const InputCodec*> topics;
       for (const auto& codec : codecs) {
         if (!applies(codec, instance, reference.spec())) continue;
@@ -164,26 +163,19 @@ void check_codecs(const std::vector<InputCodec>& codecs, const MultimodeControll
           throw std::invalid_argument(fmt::format(
               "two input codecs, for {} and {}, have the same topic of input '{}' of '{}': give one of them "
               "another topic",
-              other->second->message_type, codec.message_type, inputs.back(), instance.descriptor().type));
+              other->second->message_type, codec.message_type, reference.spec().name, type));
         }
       }
     }
     for (const auto& codec : codecs) {
-      if (codec.controllet != instance.descriptor().type ||
-          std::find(inputs.begin(), inputs.end(), codec.input) != inputs.end())
-        continue;
-      throw std::invalid_argument(fmt::format("input codec for {}: controllet '{}' has no input '{}'{}",
-                                              codec.message_type, codec.controllet, codec.input,
-                                              name_hint(codec.input, inputs, "it has none")));
+      if (codec.controllet != type || instance.find_input(codec.input) < instance.inputs().size()) continue;
+      throw std::invalid_argument("input codec for " + codec.message_type + ": " +
+                                  has_no(type, "input", codec.input, names_in(instance.descriptor().inputs)));
     }
   }
 }
 
-void Inputs::take(const Event& event) {
-  if (reach_) reach_->take(event);
-}
-
-Inputs::Inputs(const AdapterContext& run, const std::vector<InputCodec>& codecs) : reach_(run.reach) {
+Inputs::Inputs(const AdapterContext& run, const std::vector<InputCodec>& codecs) {
   MultimodeController& modes = *run.modes;
   check_codecs(codecs, modes);
   for (InstanceIndex i = 0; i < modes.instance_count(); ++i) {

@@ -11,15 +11,14 @@ namespace multipanda::ros {
 
 // Subscribes to two topics for each input of each controllet instance, and to two more for each codec beside
 // the standard type:
-//   ~/<instance>/<input>        a stream; the arm is held when it falls silent
+//   ~/<instance>/<input>        a stream; the arm is held when it stops
 //   ~/<instance>/<input>/goal   sent once, approached smoothly, stays in force
 class Inputs : public AdapterPart {
  public:
-  // Throws std::invalid_argument for a codec whose input does not exist, without a valid topic, or whose
-  // topic another one has.
+  // Throws std::invalid_argument for a codec without valid topic, with a topic already in use, or for an
+  // input that does not exist.
   Inputs(const AdapterContext& run, const std::vector<InputCodec>& codecs);
   std::vector<Diagnostic> diagnostics() const override;
-  void take(const Event& event) override;  // end effectors, for the check of reach
   const std::vector<std::unique_ptr<InputPort>>& ports() const { return ports_; }
 
  private:
@@ -28,7 +27,6 @@ class Inputs : public AdapterPart {
   template <class M>
   void subscribe(const AdapterContext& run, InputPort& port);
 
-  std::shared_ptr<Reach> reach_;
   std::vector<std::unique_ptr<InputPort>> ports_;
   std::vector<std::unique_ptr<Incoming>> subscriptions_;  // destroyed before the ports
 };

@@ -23,7 +23,9 @@ void request_loop(const AdapterContext& run, const std::vector<Request>& request
   result.verdicts.assign(requests.size(), Verdict::timeout);
   if (!requests.empty()) result.answer.kind = requests.back().kind;
   std::uint64_t ticket = 0;
-  const Verdict posted = run.modes->post(requests, ticket);
+  const bool late = !run.executor->late(kLoopTimeout).empty();
+  const Verdict posted =
+      late ? Verdict::timeout : run.modes->post(requests, ticket, kLoopTimeout, run.executor->sent());
   if (posted != Verdict::accepted) {
     result.answer.verdict = posted;
     std::fill(result.verdicts.begin(), result.verdicts.end(), posted);
@@ -40,7 +42,7 @@ void request_loop(const AdapterContext& run, const std::vector<Request>& request
         const double waited = seconds(host_now() - posted_at);
         if (!answered && waited <= kLoopTimeout) return false;
         result.answer.verdict = Verdict::timeout;
-        if (!answered && !modes->withdraw(ticket)) {  // the loop has taken them: its answer is due
+        if (!answered && !modes->withdraw(ticket)) {  // the loop has taken them: its answer follows
           if (waited <= kLoopTimeout + MultimodeController::kAnswerPatience) return false;
           result.answer.verdict = Verdict::pending;
           result.verdicts.assign(result.verdicts.size(), Verdict::pending);

@@ -106,7 +106,7 @@ multipanda_msgs::srv::SwitchControllets::Response switch_response(const Multimod
   response.accepted = answer.accepted();
   response.verdict = name_of(answer.verdict);
   if (!answer.accepted()) {
-    response.reason = reason(modes, request, answer.verdict);
+    response.reason = reason(modes, request, answer.verdict, answer.rule);
     response.cycle = answer.cycle;
     return response;
   }

@@ -13,7 +13,7 @@
 #include "core/modes/multimode_controller.hpp"
 
 // Converts service messages about controllets to requests, and answers to responses. Needs no ROS graph.
-// Verdicts are named as in the socket's answers.
+// Verdicts have the names of the socket's answers.
 namespace multipanda::ros {
 
 // The reason for refusing a request before it reaches the loop.
@@ -48,7 +48,7 @@ Response refusal(const Refused& refused) {
 }
 
 multipanda_msgs::msg::FeatureInfo feature_info(const Instance& instance, std::size_t feature);
-// Leaves out the topics: names only.
+// Omits the topics: names only.
 multipanda_msgs::msg::ControlletInfo controllet_info(const MultimodeController& modes, InstanceIndex i);
 
 }  // namespace multipanda::ros

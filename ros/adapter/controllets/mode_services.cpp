@@ -17,7 +17,7 @@ using multipanda_msgs::srv::StopArms;
 
 constexpr double kStopTimeout = 1.0;  // for a stop [s]
 
-// Answers that do not need the loop.
+// Answers without the loop.
 template <class S, class Make>
 auto at_once(Make make) {
   return [make](const typename S::Request& request, const typename Service<S>::Reply& reply) {
@@ -38,7 +38,7 @@ ModeServices::ModeServices(const AdapterContext& run, const std::vector<InputCod
       "switch_controllets",
       "Changes which controllets run, at a cycle boundary; the first torque comes in the same cycle.",
       [this](const Switch::Request& request, const auto& reply) { switch_controllets(request, reply); });
-  // With `compat: multipanda_ros2` its own types have its names.
+  // With `compat: multipanda_ros2` its own types use its names.
   const bool its_names = run.options->compat != RosSection::Compat::multipanda_ros2;
   if (its_names) {
     serve.template operator()<Switch>("set_controllers",
@@ -61,9 +61,12 @@ ModeServices::ModeServices(const AdapterContext& run, const std::vector<InputCod
   serve.template operator()<SetFeatures>(
       "set_features", "Switches features of an instance, all in the same cycle.",
       [this](const SetFeatures::Request& request, const auto& reply) { set_features(request, reply); });
-  serve.template operator()<StopArms>(
-      "stop", "Holds arms from the next cycle on, until resumed. Not a safety-rated stop.",
-      [this](const StopArms::Request& request, const auto& reply) { stop(request, reply); });
+  services_.push_back(std::make_unique<Service<StopArms>>(
+      *run.stops, *run.node, "~/stop",
+      Doc{"on request",
+          "Holds arms from the next cycle on, until resumed; with a wrong name all. Not a safety-rated "
+          "stop."},
+      [this](const StopArms::Request& request, const auto& reply) { stop(request, reply); }));
   serve.template operator()<ResumeArms>(
       "resume", "Ends a stop. The arms are held until a controllet is activated.",
       [this](const ResumeArms::Request& request, const auto& reply) { resume(request, reply); });
@@ -107,15 +110,12 @@ void ModeServices::set_features(const SetFeatures::Request& message,
 void ModeServices::stop(const StopArms::Request& message, const Service<StopArms>::Reply& reply) {
   const HostTime received = host_now();
   Refused refused;
-  const auto arms = arms_named(*run_.modes, message.arms, refused);
-  if (!arms) {
-    run_.count_request(false);
-    return reply(refusal<StopArms::Response>(refused));
-  }
   MultimodeController* modes = run_.modes;
-  modes->stop(*arms);
-  run_.executor->poll_until([this, modes, arms = *arms, received, reply] {
+  const ArmSet arms = arms_named(*modes, message.arms, refused).value_or(ArmSet::all(modes->arm_count()));
+  modes->stop(arms);
+  run_.stops->poll_until([this, modes, arms, received, reply, wrong = refused.reason] {
     StopArms::Response response;
+    if (!wrong.empty()) response.reason = wrong + ": all arms are stopped";
     response.total_s = seconds(host_now() - received);
     response.accepted = modes->stopped().contains(arms);
     if (!response.accepted && response.total_s <= kStopTimeout) return false;
@@ -140,6 +140,7 @@ void ModeServices::resume(const ResumeArms::Request& message, const Service<Resu
   }
   Request request{.kind = Request::Kind::resume};
   request.arms = *arms;
+  request.stops = message.stops;
   request_loop(run_, {request}, [this, request, reply](const LoopAnswer& result) {
     ResumeArms::Response response;
     response.accepted = result.answer.accepted();

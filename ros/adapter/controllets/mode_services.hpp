@@ -24,7 +24,7 @@ namespace multipanda::ros {
 class ModeServices : public AdapterPart {
  public:
   ModeServices(const AdapterContext& run, const std::vector<InputCodec>& codecs);
-  void take(const CycleRecord& record) override;  // for the modes in the list of arms
+  void take(const CycleRecord& record) override;  // tracks the modes for the list of arms
 
  private:
   using Switch = multipanda_msgs::srv::SwitchControllets;
@@ -43,7 +43,7 @@ class ModeServices : public AdapterPart {
   const AdapterContext& run_;
   const std::vector<InputCodec> codecs_;
   std::array<std::atomic<std::uint8_t>, kMaxArms> modes_of_arms_{};
-  std::vector<std::unique_ptr<Incoming>> services_;  // destroyed first
+  std::vector<std::unique_ptr<Incoming>> services_;
 };
 
 }  // namespace multipanda::ros

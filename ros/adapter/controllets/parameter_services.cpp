@@ -4,10 +4,10 @@
 
 #include <fmt/format.h>
 
+#include "common/spelling.hpp"
 #include "core/modes/mailbox.hpp"
 #include "ros/adapter/controllets/loop_requests.hpp"
 #include "runtime/request_text.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {
@@ -82,7 +82,7 @@ ParameterServices::ParameterServices(const AdapterContext& run)
                             });
                       }) {}
 
-// One call on its way through the loop.
+// A call in progress.
 struct ParameterServices::Job {
   Results results;
   std::vector<Request> requests;   // for the valid values

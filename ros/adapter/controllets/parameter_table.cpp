@@ -7,8 +7,8 @@
 
 #include <fmt/format.h>
 
+#include "common/spelling.hpp"
 #include "runtime/request_text.hpp"
-#include "support/spelling.hpp"
 
 namespace multipanda::ros {
 namespace {

@@ -36,7 +36,7 @@ class ParameterTable {
   rcl_interfaces::msg::ListParametersResult list(const std::vector<std::string>& prefixes,
                                                  std::uint64_t depth) const;
 
-  // Returns the request that sets the parameter, after every check that does not need the loop. On failure
+  // Returns the request that sets the parameter, after all checks that do not need the loop. On failure
   // returns nothing and fills `reason`.
   std::optional<Request> request(const rcl_interfaces::msg::Parameter& parameter, std::string& reason) const;
   // Returns the parameter that an event of the kind parameter_set has set.

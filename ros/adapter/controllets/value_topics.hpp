@@ -24,7 +24,7 @@ class ValueTopics : public AdapterPart {
   using ShowReference = std::function<void(const ReferenceSample&, std::int64_t stamp_ns)>;
   struct Output {
     std::size_t offset, size;
-    std::function<bool()> runs;  // for a feature's output: is the feature on?
+    std::function<bool()> runs;  // for a feature's output: whether the feature is on
     std::function<void(const double* values)> show;
   };
   ShowReference reference_publisher(const AdapterContext& run, const Instance& instance,

@@ -9,15 +9,15 @@
 
 namespace multipanda::ros {
 
-// Content of the messages about one arm. Each function writes into a message that may have been used before
-// and keeps its memory.
+// Content of messages about one arm. Each function writes into a message that may have been used before, and
+// reuses its memory.
 
-// Sets what the arm measured and reported, and its configuration. Leaves header, names, owner and
-// commands alone.
+// Sets the measured and reported state and the configuration of the arm. Leaves header, names, owner and
+// commands unchanged.
 void fill_state(const ArmSample& sample, const ArmFrames& frames, const Load& tool, const Load& load,
                 ModelTerms& terms, multipanda_msgs::msg::RobotState& out);
 void fill_state(const ArmState& state, ModelTerms& terms, multipanda_msgs::msg::RobotState& out);
-// Sets everything but header and names.
+// Sets everything except header and names.
 void fill_model(ModelTerms& terms, multipanda_msgs::msg::RobotModel& out);
 
 }  // namespace multipanda::ros

@@ -20,7 +20,7 @@ class ArmModels {
     std::vector<std::string> joint_names;
     RobotDescription robot;
     bool hand = false;
-    ArmFrames frames;  // in force
+    ArmFrames frames;  // active frames
     Load tool, load;
     std::uint32_t config_version = 0;
   };

@@ -38,7 +38,7 @@ void fill(const std::vector<ArmModels::Arm>& arms, const CycleRecord& record,
       out.effort[at] = sample.tau_J[joint];
     }
     if (!arms[i].hand) continue;
-    // Each finger opens by half of the width. A hand whose fingers do not move is closed.
+    // Each finger moves by half of the width. A hand with fixed fingers is closed.
     for (std::size_t finger = 0; finger < kFingers; ++finger, ++at) {
       out.position[at] = sample.has_gripper ? 0.5 * sample.gripper_width : 0;
     }
@@ -94,6 +94,7 @@ void ArmTopics::take(const CycleRecord& record) {
     fill(models_.arms(), record, joint_states_.message);
     joint_states_.publish();
   }
+  const std::uint32_t stops = run_.modes->stops();
   const ArmSet stopped = run_.modes->stopped();
   for (std::size_t i = 0; i < arms_.size(); ++i) {
     PerArm& topics = *arms_[i];
@@ -105,9 +106,10 @@ void ArmTopics::take(const CycleRecord& record) {
       message.owner =
           sample.owner < run_.layout->instances.size() ? run_.layout->instances[sample.owner].name : "";
       message.stopped = stopped.contains(static_cast<ArmIndex>(i));
+      message.stops = stops;
       const ArmModels::Arm& arm = models_.arms()[i];
       fill_state(sample, arm.frames, arm.tool, arm.load, models_.terms(i), message);
-      set_arm_command(message, sample, arm.joint_count);
+      set_commanded(message, sample, arm.joint_count);
       topics.state.publish();
     }
     if (topics.model.due(record.cycle)) {

@@ -15,7 +15,7 @@
 
 namespace multipanda::ros {
 
-// Fill joint_states: the names once, the values at every message.
+// Fill joint_states: names once, values at every message.
 void fill_names(const std::vector<ArmModels::Arm>& arms, sensor_msgs::msg::JointState& out);
 void fill(const std::vector<ArmModels::Arm>& arms, const CycleRecord& record,
           sensor_msgs::msg::JointState& out);
@@ -40,7 +40,7 @@ class ArmTopics : public AdapterPart {
   std::vector<std::unique_ptr<PerArm>> arms_;
   Transforms transforms_;
   std::optional<Publisher<std_msgs::msg::String>>
-      description_;  // none where another node publishes the transforms
+      description_;  // none if another node publishes the transforms
 };
 
 }  // namespace multipanda::ros

@@ -4,8 +4,8 @@
 
 #include <fmt/format.h>
 
-#include "core/state/arm_mode_name.hpp"
-#include "device/arm_error.hpp"
+#include "arm_interface/arm_error.hpp"
+#include "core/state/arm_state.hpp"
 #include "ros/adapter/state/messages.hpp"
 #include "runtime/request_text.hpp"
 
@@ -46,7 +46,7 @@ LoopTopics::LoopTopics(const AdapterContext& run)
 
 void LoopTopics::take(const CycleRecord& record) {
   window_.add(record);
-  // Skips the first turn, whose window would be a single cycle.
+  // Skips the first call, whose window would be a single cycle.
   const bool due = (every_.off() ? every_window_ : every_).due(record.cycle) && record.cycle > 1;
   std::optional<LoopWindow::Figures> figures;
   if (due) figures = window_.finish();

@@ -20,7 +20,7 @@ class LoopTopics : public AdapterPart {
   explicit LoopTopics(const AdapterContext& run);
   void take(const CycleRecord& record) override;
   void take(const Event& event) override;
-  // The loop, each arm and publishing.
+  // Diagnostics of the loop, each arm and publishing.
   std::vector<Diagnostic> diagnostics() const override;
 
  private:
@@ -46,7 +46,7 @@ class LoopTopics : public AdapterPart {
   Newest newest_;  // guarded by mutex_
 };
 
-// Publishes /diagnostics at a rate of the wall clock, also while no records come.
+// Publishes /diagnostics at a wall-clock rate, even without new records.
 class DiagnosticsTopic : public AdapterPart {
  public:
   explicit DiagnosticsTopic(const AdapterContext& run);

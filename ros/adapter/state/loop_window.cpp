@@ -1,8 +1,8 @@
 #include "ros/adapter/state/loop_window.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <limits>
+
+#include "core/types/statistics.hpp"
 
 namespace multipanda::ros {
 
@@ -35,20 +35,13 @@ void LoopWindow::add(const CycleRecord& record) {
   ++added_;
 }
 
-// Ranks are rounded up, so that for fewer than 100 values the worst is their 99th percentile.
+// Ranks are rounded up: with fewer than 100 values the 99th percentile is the worst.
 LoopWindow::Durations LoopWindow::durations(std::vector<double>& values) {
   if (values.empty()) {
     constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
     return {kNone, kNone, kNone};
   }
-  const auto quantile = [&](double share) {
-    const auto n = static_cast<double>(values.size());
-    const auto at = static_cast<std::ptrdiff_t>(std::ceil(share * n)) - 1;
-    const auto place = values.begin() + std::max<std::ptrdiff_t>(at, 0);
-    std::nth_element(values.begin(), place, values.end());
-    return *place;
-  };
-  return {quantile(0.5), quantile(0.99), *std::max_element(values.begin(), values.end())};
+  return {quantile(values, 0.5), quantile(values, 0.99), quantile(values, 1)};
 }
 
 LoopWindow::Figures LoopWindow::finish() {

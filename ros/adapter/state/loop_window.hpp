@@ -7,7 +7,7 @@
 
 namespace multipanda::ros {
 
-// Timing of the loop since the last call of look(), from its records. One thread.
+// Timing of the loop since the last call of look(), computed from records. One thread.
 class LoopWindow {
  public:
   // Number of cycles whose times are kept; a longer window keeps the newest.
@@ -36,7 +36,8 @@ class LoopWindow {
   std::vector<double> periods_, cycle_times_;
   std::uint64_t added_ = 0;  // in this window
   bool any_ = false;
-  bool counts_first_ = true;                        // in the first window, the first cycle ends no period
+  bool counts_first_ = true;                        // in the first window, the first cycle completes no
+                                                    // period
   std::uint64_t first_cycle_ = 0, last_cycle_ = 0;  // the first is the last one of the previous window
   HostTime first_start_, last_start_;
   std::uint64_t first_overruns_ = 0, last_overruns_ = 0;

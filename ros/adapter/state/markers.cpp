@@ -20,7 +20,7 @@ const Vector3 kArrow{0.01, 0.02, 0};  // diameters of shaft and head [m]
 constexpr double kAxis = 0.1;         // length of a target's axes [m]
 constexpr double kPlane = 4;          // edge of the drawn part of a plane [m]
 constexpr double kSheet = 0.002;      // its thickness [m]
-constexpr double kThin = 1e-4;        // least size of a shape: viewers refuse 0 [m]
+constexpr double kThin = 1e-4;        // smallest size of a shape, since viewers reject 0 [m]
 constexpr double kLetter = 0.04;      // height of text [m]
 
 std_msgs::msg::ColorRGBA color(const Rgba& rgba) {
@@ -34,7 +34,7 @@ std_msgs::msg::ColorRGBA color(const Rgba& rgba) {
 
 Pose along_z(double z) { return {Matrix3::Identity(), {0, 0, z}}; }
 
-// Known without a world, as beside real arms and under ros2_control.
+// Available without a world, as with real arms and under ros2_control.
 std::vector<std::optional<Pose>> places_of_fixed(const std::vector<SceneObject>& objects) {
   std::vector<std::optional<Pose>> X_WO(objects.size());
   for (std::size_t i = 0; i < objects.size(); ++i) {
@@ -80,7 +80,7 @@ std::size_t Markers::add(const std::string& ns, std::int32_t type, const Vector3
   marker.type = type;
   set_vector(marker.scale, scale);
   marker.color = color(rgba);
-  // What a run that has ended drew disappears.
+  // Removes the markers of a run that has ended.
   const double period = 1 / run_.options->rates_hz.markers;  // [s]
   marker.lifetime.sec = std::max(2, static_cast<std::int32_t>(std::ceil(2 * period)));
   markers.push_back(std::move(marker));
@@ -99,7 +99,7 @@ void Markers::add_object(const SceneObject& object, std::size_t index) {
       return part(Marker::CUBE, object.size, {});
     case ShapeType::sphere:
       return part(Marker::SPHERE, Vector3::Constant(diameter), {});
-    case ShapeType::capsule:  // viewers have none
+    case ShapeType::capsule:  // not a marker type
       part(Marker::SPHERE, Vector3::Constant(diameter), along_z(0.5 * length));
       part(Marker::SPHERE, Vector3::Constant(diameter), along_z(-0.5 * length));
       [[fallthrough]];
@@ -168,7 +168,7 @@ void Markers::show_target(const Target& target, const ReferenceSample& sample) {
   const double* v = sample.values.data();
   switch (target.quantity) {
     case Quantity::pose:
-      show(target.marker, Pose::from({v[0], v[1], v[2]}, Quaternion(v[3], v[4], v[5], v[6])));
+      show(target.marker, Pose::from(v));
       return;
     case Quantity::joints: {
       const ArmModels::Arm& arm = models_.arms()[target.arm];

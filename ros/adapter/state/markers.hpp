@@ -13,18 +13,18 @@
 
 namespace multipanda::ros {
 
-// Publishes ~/markers while a viewer subscribes: what is drawn beside the arms. Namespaces: `objects` of the
-// scene, `targets` (set-points of active controllets), `contact_forces` (the simulator's),
+// Publishes ~/markers while a viewer subscribes: everything drawn besides the arms. Namespaces: `objects` of
+// the scene, `targets` (set-points of active controllets), `contact_forces` (the simulator's),
 // `estimated_forces`, `tanks`.
 //
-// Every message has every marker, with the same namespace, id and frame: ADD, or DELETE for what is not there
-// now (a force below kLeastForce, a target of an inactive controllet, an object whose place is unknown). A
-// viewer that missed a message is therefore right again after the next one.
+// Every message contains every marker, with the same namespace, id and frame: ADD, or DELETE if it does not
+// apply now (a force below kLeastForce, a target of an inactive controllet, an object at an unknown pose). So
+// a viewer that missed a message is correct after the next one.
 class Markers : public AdapterPart {
  public:
   static constexpr double kMetersPerNewton = 0.005;  // of arrows
-  static constexpr double kLeastForce = 1;           // that is drawn [N]
-  static constexpr double kTankHeight = 0.2;         // of the bar of a full tank [m]
+  static constexpr double kLeastForce = 1;           // smallest force that is drawn [N]
+  static constexpr double kTankHeight = 0.2;         // height of the bar of a full tank [m]
   // Foot of the bar of a controllet's k-th tank, in the base of its first arm [m].
   static Vector3 tank_place(std::size_t k) { return {-0.25, 0.1 * static_cast<double>(k), 0}; }
 
@@ -50,7 +50,7 @@ class Markers : public AdapterPart {
     std::size_t bar, text, output;  // two markers; an index of CycleRecord::outputs
     std::string name;
     const Instance* instance;
-    std::size_t greatest;  // the instance's parameter with the greatest energy
+    std::size_t greatest;  // the instance's parameter with the largest energy
     Pose X_WT;             // foot of the bar
   };
 
@@ -79,7 +79,7 @@ class Markers : public AdapterPart {
   // Loop's thread.
   RateDivider every_;
   Poses X_WO_;  // of all objects
-  // From the loop's thread to the publisher's.
+  // From the loop's thread to the publisher's thread.
   TripleBuffer<Poses> newest_;
 };
 

@@ -1,6 +1,6 @@
 #include "ros/adapter/state/scene_description.hpp"
 
-#include "models/to_urdf.hpp"
+#include "models/write_robot.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::ros {

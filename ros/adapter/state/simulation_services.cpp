@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include "arm_interface/request_patience.hpp"
 #include "ros/adapter/arms/arm_requests.hpp"
 #include "ros/adapter/names.hpp"
 #include "ros/adapter/state/topic.hpp"
@@ -17,13 +18,13 @@ namespace {
 
 constexpr double kAnswerTimeout = 2;
 
-// Collects the answers; a request without one counts as failed.
+// Collects answers; a request without answer counts as failed.
 std::vector<RequestAnswer> collected(std::vector<std::future<RequestAnswer>>& futures, double timeout_s) {
   std::vector<RequestAnswer> answers;
   for (auto& future : futures) {
     if (future.wait_for(std::chrono::seconds(0)) != std::future_status::ready) {
       answers.push_back(
-          {.reason = fmt::format("no answer within {:.4g} s; is the loop running?", timeout_s)});
+          {.reason = fmt::format("no answer within {:.4g} s; check that the loop is running", timeout_s)});
       continue;
     }
     try {
@@ -114,6 +115,8 @@ SimulationServices::SimulationServices(const AdapterContext& run)
              [this](const auto& request, auto reply) { place(request, reply); }) {}
 
 void SimulationServices::send(std::vector<WorldRequest> requests, double timeout_s, Answered answered) {
+  if (const std::string why = run_.executor->late(kRequestPatience); !why.empty())
+    return answered(std::vector<RequestAnswer>(requests.size(), {.success = false, .reason = why}));
   auto futures = std::make_shared<std::vector<std::future<RequestAnswer>>>();
   for (auto& request : requests) futures->push_back(run_.backend->request(std::move(request)));
   const HostTime end = host_now() + std::chrono::nanoseconds(LoopTime::from_seconds(timeout_s).ns);

@@ -10,7 +10,7 @@
 
 namespace multipanda::ros {
 
-// simulation/{reset, pause, step, place_objects}, for the world that the simulated arms share.
+// simulation/{reset, pause, step, place_objects}, for the world of the simulated arms.
 class SimulationServices : public AdapterPart {
  public:
   explicit SimulationServices(const AdapterContext& run);

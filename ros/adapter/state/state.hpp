@@ -5,7 +5,7 @@
 namespace multipanda::ros {
 
 // Makes the parts that publish arms and world: joint states, states, models, wrenches, tf, robot_description,
-// /clock, statistics, events, diagnostics; and the services of a simulated run.
+// /clock, statistics, events and diagnostics; and the services of a simulated run.
 AdapterParts make_state(const AdapterContext& run);
 
 }  // namespace multipanda::ros

@@ -13,6 +13,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "core/testing/drawn_sample.hpp"
+#include "logs/arm_state_fields.hpp"
 #include "models/testing/two_engines.hpp"
 #include "ros/adapter/record_relay.hpp"
 #include "ros/adapter/state/arm_messages.hpp"
@@ -368,6 +370,34 @@ TEST_F(Arms, SettingsFollowTheArmsReport) {
   record.arms[0].errors = 0;
   fill_first(record, state);
   EXPECT_TRUE(state.error_names.empty());
+}
+
+// Every field of the message that the table of core/record/arm_sample.hpp names; the poses in the base are
+// not: the message has them in the world.
+TEST_F(Arms, StateHoldsEveryQuantityOfTheArm) {
+  std::mt19937_64 random(8);
+  CycleRecord record(2, 0, 0);
+  for (const bool reports : {true, true, false}) {
+    const multipanda::test::DrawnSample drawn = multipanda::test::draw_sample(random, 7, reports);
+    record.arms[0] = drawn.sample;
+    view->take(record);
+    multipanda_msgs::msg::RobotState state;
+    fill_first(record, state);
+    set_commanded(state, record.arms[0], 7);
+    std::map<std::string, std::vector<double>> found;
+    for_each_number(state, [&](const char* name, const auto& numbers) { found[name] = numbers; });
+    for (const auto& [name, expected] : drawn.numbers) {
+      if (drawn.in_message.at(name) == "no_message" || name.starts_with("X_BE_")) continue;
+      if (!reports && drawn.known.at(name) != "always") {  // empty, or zeros where the place is fixed
+        if (name != "last_motion_errors" && !name.starts_with("gripper_")) {
+          EXPECT_THAT(found[name], testing::Each(0)) << name;
+        }
+        continue;
+      }
+      ASSERT_EQ(found[name].size(), expected.size()) << name;
+      for (std::size_t k = 0; k < expected.size(); ++k) EXPECT_EQ(found[name][k], expected[k]) << name;
+    }
+  }
 }
 
 // The report's bits become flags of joints and axes; its poses, given in the base, are in the world.

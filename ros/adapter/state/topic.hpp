@@ -8,8 +8,8 @@
 
 namespace multipanda::ros {
 
-// A topic published every n-th cycle while it has a subscriber. Its one message keeps its memory. At a rate
-// of 0 the topic does not exist.
+// A topic published every n-th cycle while it has a subscriber, with one reused message. At a rate of 0 the
+// topic does not exist.
 template <class M>
 class Topic {
  public:

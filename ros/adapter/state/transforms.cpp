@@ -77,7 +77,7 @@ Transforms::Transforms(const AdapterContext& run, const std::vector<ArmModels::A
 
 void Transforms::take(const CycleRecord& record, const builtin_interfaces::msg::Time& stamp,
                       ArmModels& view) {
-  // While time is stopped (paused simulation), listeners would reject repeated transforms with a warning.
+  // While time stands still (paused simulation), listeners would reject repeated transforms with a warning.
   if (stamp == stamp_ || !moving_.due(record.cycle)) return;
   stamp_ = stamp;
   std::size_t at = 0;

@@ -19,8 +19,8 @@ struct Placed {
 
 // Fixed frames: world -> link0, last link -> flange -> hand -> hand_tcp.
 std::vector<Placed> fixed_frames(const ArmModels::Arm& arm, const Pose& X_WB);
-// Moving frames: links by their joints, fingers, and the frames that users set (flange -> ee -> k). Always
-// the same frames in the same order; names are written once.
+// Moving frames: links, fingers, and configurable frames (flange -> ee -> k). Always the same frames in the
+// same order; names are set once.
 void moving_frames(const ArmModels::Arm& arm, const ArmSample& sample, ModelTerms& terms,
                    std::vector<Placed>& out);
 

@@ -22,7 +22,7 @@ class ClockTopic : public AdapterPart {
 };
 
 // Publishes simulation/object_poses, the poses of free objects of a simulated world. The loop's thread reads
-// them, since no other thread may do so while the world moves.
+// them: no other thread may while the world moves.
 class ObjectPosesTopic : public AdapterPart {
  public:
   explicit ObjectPosesTopic(const AdapterContext& run);
@@ -42,7 +42,7 @@ class ObjectPosesTopic : public AdapterPart {
   // Loop's thread.
   RateDivider every_;
   Snapshot snapshot_;
-  // From the loop's thread to the publisher's.
+  // From the loop's thread to the publisher's thread.
   TripleBuffer<Snapshot> newest_;
   Publisher<multipanda_msgs::msg::ObjectPoses> publisher_;
   multipanda_msgs::msg::ObjectPoses message_;

@@ -18,7 +18,7 @@ from multipanda_bringup.arms import arms_from, controllers, description_mappings
 
 ARGUMENTS = {
     "arm_names": ("arm", "Names of the arms, separated by spaces"),
-    "models": ("fer", "Model: fer, fer_maker, fr3 or fr3v2; one value for all arms, or one per arm"),
+    "models": ("fer", "Model: fer, fr3 or fr3v2; one value for all arms, or one per arm"),
     "hands": ("true", "Whether arms have the gripper; one value for all arms, or one per arm"),
     "hardware": (
         "mujoco",
@@ -57,7 +57,7 @@ def set_up(context):
     with open(written, "w", encoding="utf-8") as stream:
         yaml.safe_dump(parameters, stream)
 
-    # Humble's controller manager takes the description as a parameter, later versions from the topic.
+    # Humble's controller manager takes the description from a parameter, later versions from the topic.
     manager_parameters = (
         [{"robot_description": urdf}, written] if os.environ.get("ROS_DISTRO") == "humble" else [written]
     )
@@ -91,7 +91,7 @@ def set_up(context):
                 arguments=[*loaded, "--inactive", "--param-file", written],
             )
         )
-    for arm in arms:  # the hardware's node publishes the fingers; tf needs them in addition to the arms' joints
+    for arm in arms:  # tf also needs the finger joints, published by the hardware's node
         if arm.hand and arm.hardware != "mock":
             nodes.append(
                 Node(

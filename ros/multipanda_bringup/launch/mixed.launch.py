@@ -3,29 +3,13 @@
 The multimode controller owns the first, a trajectory controller the second. Accepts every argument of arms.launch.py.
 """
 
-import os
-
-from ament_index_python.packages import get_package_share_directory
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
-from launch.launch_description_sources import PythonLaunchDescriptionSource
-
-DEFAULTS = {
-    "arm_names": "left right",
-    "hardware": "fci mujoco",
-    "addresses": "172.16.0.2 none",
-    "controllers_file": "{share}/config/mixed.yaml",
-}
+from multipanda_bringup.launching import SHARE, arms_with
 
 
 def generate_launch_description():
-    share = get_package_share_directory("multipanda_bringup")
-    declared = [
-        DeclareLaunchArgument(name, default_value=value.format(share=share)) for name, value in DEFAULTS.items()
-    ]
-    return LaunchDescription(
-        [
-            *declared,
-            IncludeLaunchDescription(PythonLaunchDescriptionSource(os.path.join(share, "launch", "arms.launch.py"))),
-        ]
+    return arms_with(
+        arm_names="left right",
+        hardware="fci mujoco",
+        addresses="172.16.0.2 none",
+        controllers_file=f"{SHARE}/config/mixed.yaml",
     )

@@ -27,7 +27,7 @@ class Arm:
     model: str
     hand: bool
     hardware: str  # one of KINDS
-    address: str  # of a real arm
+    address: str  # a real arm's address
     base: list  # x, y, z [m], roll, pitch, yaw [rad] of <name>_link0 in the world
 
     def joints(self):
@@ -106,7 +106,7 @@ def description_mappings(arms, scene="", ros2_control=True):
 
 
 def renamed(data, names):
-    """Returns the data for other arms: each old name, alone or followed by an underscore, becomes the new one."""
+    """Returns the data with arms renamed: each old name, alone or followed by an underscore, is replaced."""
     pattern = re.compile(r"(" + "|".join(map(re.escape, names)) + r")(?=_|$)")
 
     def word(text):

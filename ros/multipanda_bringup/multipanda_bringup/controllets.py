@@ -16,7 +16,7 @@ def controllets_for(arms):
             ("cartesian", "cartesian_impedance"),
             ("joint", "joint_impedance"),
             ("guide", "gravity_compensation"),
-            ("force", "force"),  # presses with the force that it is sent
+            ("force", "force"),  # presses with a given force
             ("hybrid", "hybrid_force"),  # forces and moments along the axes that are selected
             ("ufic", "ufic"),  # force and impedance at once
         ):

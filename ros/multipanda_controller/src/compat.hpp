@@ -34,7 +34,7 @@ bool write(Interface& interface, double value) {
   }
 }
 
-// Empty if the version does not pass it to controllers.
+// Empty if this version does not pass it to controllers.
 template <class Controller>
 std::string robot_description(const Controller& controller) {
   if constexpr (requires { controller.get_robot_description(); }) {

@@ -58,6 +58,7 @@ CallbackReturn MultimodeController::on_configure(const rclcpp_lifecycle::State&)
     }
     multipanda::ros::ControllerHostOptions options;
     if (get_update_rate() > 0) options.period_s = 1.0 / get_update_rate();
+    (void)get_node()->get_parameter("use_sim_time", options.simulated_time);
     options.robot_description = compat::robot_description(*this);
     const FlatParameters parameters = scene_parameters();
     if (options.robot_description.empty()) {
@@ -94,7 +95,7 @@ void MultimodeController::declare_parameters() {
       if (const std::string why = host_->set_parameters({requested}); !why.empty())
         throw std::invalid_argument(why);
     }
-    if (get_node()->has_parameter(name)) continue;  // older versions declare it themselves
+    if (get_node()->has_parameter(name)) continue;  // older versions declare it automatically
     constexpr bool kIgnoreOverride = true;
     get_node()->declare_parameter(name, rclcpp::ParameterValue(parameter.value), parameter.descriptor,
                                   kIgnoreOverride);
@@ -125,7 +126,7 @@ controller_interface::InterfaceConfiguration MultimodeController::state_interfac
   return {controller_interface::interface_configuration_type::INDIVIDUAL, host_->state_names()};
 }
 
-// The interfaces come in the requested order.
+// Interfaces arrive in the requested order.
 CallbackReturn MultimodeController::on_activate(const rclcpp_lifecycle::State&) {
   if (host_ == nullptr || state_interfaces_.size() != host_->states().size() ||
       command_interfaces_.size() != host_->commands().size()) {

@@ -32,8 +32,8 @@ CallbackReturn ArmSystem::on_configure(const rclcpp_lifecycle::State&) {
   try {
     host_->connect();
     if (host_->extras().services && rclcpp::ok()) {
-      // A remap of its own, because those of the whole process (`-r __node:=controller_manager`) would rename
-      // this node, too.
+      // A separate remap, because those of the process (`-r __node:=controller_manager`) would also rename
+      // this node.
       const std::string name = "multipanda_" + info_.name;
       rclcpp::NodeOptions options;
       options.arguments({"--ros-args", "-r", "__node:=" + name});
@@ -59,8 +59,8 @@ CallbackReturn ArmSystem::on_cleanup(const rclcpp_lifecycle::State&) {
   return CallbackReturn::SUCCESS;
 }
 
-// Leaves the arms safe, without waiting: the manager calls this in its loop, and the other components must
-// lose no period. The component can be configured again.
+// Leaves the arms safe without waiting: the manager calls this in its loop, and other components must not
+// lose a period. The component can be configured again.
 CallbackReturn ArmSystem::on_error(const rclcpp_lifecycle::State&) {
   leave();
   return CallbackReturn::SUCCESS;

@@ -13,13 +13,13 @@ using CallbackReturn = hardware_interface::CallbackReturn;
 using hardware_interface::return_type;
 
 // Any number of arms as one ros2_control component. configure connects; activate lets controllers
-// claim interfaces; deactivate makes every arm hold itself; cleanup disconnects. An arm reports its
-// fault by its own interfaces. The component is in error only when no arm is left. The work is done
+// claim interfaces; deactivate makes every arm hold itself; cleanup disconnects. Each arm reports
+// faults through its own interfaces. The component fails only if no arm is left. The work is done
 // in ros/host/hardware_host.hpp.
 class ArmSystem : public hardware_interface::SystemInterface {
  public:
   explicit ArmSystem(multipanda::ros::HardwareHost::Kind kind) : kind_(kind) {}
-  ~ArmSystem() override { disconnect(); }  // a manager that ends may skip the last steps of the life cycle
+  ~ArmSystem() override { disconnect(); }  // a manager may skip the last steps of the life cycle when it ends
 
   CallbackReturn on_init(const compat::InitArgument& argument) override;
   CallbackReturn on_configure(const rclcpp_lifecycle::State& previous) override;
@@ -45,7 +45,7 @@ class ArmSystem : public hardware_interface::SystemInterface {
   rclcpp::Logger logger() const { return rclcpp::get_logger("multipanda_hardware." + info_.name); }
   CallbackReturn fail(const std::string& text) const;
   void disconnect();
-  void leave();  // the same, later, on another thread
+  void leave();  // the same, deferred to another thread
 
   multipanda::ros::HardwareHost::Kind kind_;
   rclcpp::Node::SharedPtr node_;  // for the arms' services, which the host owns; outlives it

@@ -42,7 +42,7 @@ def set_up(context):
     ).toxml()
     with open(os.path.join(config, "arm.yaml"), encoding="utf-8") as stream:
         parameters = moveit_parameters(yaml.safe_load(stream), arms)
-    if os.environ.get("ROS_DISTRO") == "humble":  # Humble needs one string, and supports only these
+    if os.environ.get("ROS_DISTRO") == "humble":  # Humble needs one string and supports only these
         parameters["ompl"]["request_adapters"] = " ".join(
             "default_planner_request_adapters/" + name
             for name in (

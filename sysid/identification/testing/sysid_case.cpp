@@ -6,7 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "models/to_mjcf.hpp"
+#include "models/write_robot.hpp"
 #include "sysid/identification/rollout_fit.hpp"
 #include "sysid/identification/testing/simulated_log.hpp"
 

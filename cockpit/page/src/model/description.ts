@@ -1,4 +1,4 @@
-// What a run says about itself: the answers to `list`, as docs/live_input.md describes them.
+// A run's description of itself: answers to `list`, as in docs/live_input.md.
 
 export interface InputInfo {
   name: string;
@@ -13,6 +13,8 @@ export interface InputInfo {
 export interface ParameterInfo {
   name: string;
   value: number[] | string;
+  /** A change may move an arm, so it needs a hold. */
+  moves?: boolean;
   doc: string;
   unit?: string;
   min?: number;
@@ -24,7 +26,7 @@ export interface FeatureInfo {
   name: string;
   on: boolean;
   doc?: string;
-  /** Why it cannot be switched on here; empty if it can. */
+  /** Why it cannot be switched on here; empty: it can. */
   refusal?: string;
 }
 
@@ -46,9 +48,13 @@ export interface Answer {
   [key: string]: unknown;
 }
 
+/** Outcome of a request as text. */
+export const outcome = (answer: Answer, done: string): string =>
+  answer.ok ? done : `Refused: ${answer.reason ?? answer.verdict}`;
+
 export interface SwitchAnswer extends Answer {
   started?: string[];
   stopped?: string[];
   times_ms?: { received_to_taken: number; taken_to_first_torque: number; received_to_first_torque: number };
-  torque_steps?: { arm: string; wanted_nm: number; sent_nm: number }[];
+  torque_steps?: { arm: string; computed_nm: number; sent_nm: number }[];
 }

@@ -14,7 +14,7 @@ export class Histogram {
     this.worst = Math.max(this.worst, us);
   }
 
-  /** Counts that somebody else has made, in the same bins. The worst one is known to its bin. */
+  /** Counts made elsewhere, in the same bins. The worst one is known to the precision of its bin. */
   set(counts: readonly number[]): void {
     this.clear();
     counts.forEach((count, bin) => {
@@ -37,7 +37,7 @@ export class Histogram {
     return bin <= 0 ? 0 : 10 ** ((bin - 1) / Histogram.perDecade);
   }
 
-  /** The upper edge of the bin that the quantile is in [µs]; the worst one in the last bin. */
+  /** The upper edge of the quantile's bin [µs]; in the last bin the worst value. */
   quantile(share: number): number {
     let left = share * this.total;
     for (let bin = 0; bin < this.counts.length; ++bin) {

@@ -1,4 +1,4 @@
-// The recent past of the quantities that are plotted: rings of numbers with common times.
+// The recent past of plotted quantities: rings of numbers with common times.
 
 export interface Columns {
   t: number[];
@@ -52,7 +52,7 @@ export class Ring {
   }
 }
 
-/** Rings of the quantities that somebody looks at. The first column of each is the time. */
+/** Rings of the quantities in use. The first column of each is the time. */
 export class History {
   private readonly rings = new Map<string, { ring: Ring; users: number; until: number }>();
 
@@ -69,7 +69,7 @@ export class History {
     if (known && --known.users === 0) this.rings.delete(name);
   }
 
-  /** Rows that come again, because the run begins some seconds back, are not taken twice. */
+  /** Rows that arrive again, because the run starts some seconds back, are not stored twice. */
   expectRepeats(): void {
     for (const known of this.rings.values()) known.until = known.ring.newest();
   }
@@ -82,7 +82,7 @@ export class History {
     return [...this.rings.keys()];
   }
 
-  /** One row of each watched quantity. A time that is not later than the last one begins again (a simulation's reset). */
+  /** One row of each watched quantity. A time not later than the last one starts again (a simulation's reset). */
   take(t: number, value: (name: string) => ArrayLike<number> | undefined): void {
     for (const [name, known] of this.rings) {
       const { ring } = known;
@@ -107,7 +107,7 @@ export class History {
   }
 }
 
-/** A table with a header line, for other programs. Numbers keep all their digits; what is not a number is left empty. */
+/** A table with a header line, for other programs. Numbers keep all digits; NaN is left empty. */
 export function csv(header: readonly string[], columns: readonly (readonly (number | null | undefined)[])[]): string {
   const quoted = (name: string) => (/[",\n]/.test(name) ? `"${name.replaceAll('"', '""')}"` : name);
   const lines = [header.map(quoted).join(",")];

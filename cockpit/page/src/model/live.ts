@@ -1,24 +1,13 @@
-// What the page knows of the scene and of its newest state, however it came: live, or from a recorded log.
+// The page's knowledge of the scene and its newest state, live or from a recorded log.
 import type { Shape } from "../scene3d/shapes.ts";
 import type { Pose, Vector3 } from "../teleop/vectors.ts";
+import type { WireArm } from "../wire/hello.ts";
 
-export interface ArmInfo {
-  name: string;
-  model: string;
-  /** "simulated", "virtual" or "real". */
-  kind: string;
-  joints: number;
+export interface ArmInfo extends WireArm {
   base: Pose;
-  q_min: number[];
-  q_max: number[];
-  dq_max: number[];
-  tau_max: number[];
-  vacuum: boolean;
-  /** Box that the hand must not leave, in the world. */
-  workspace: { min: Vector3; max: Vector3 } | undefined;
 }
 
-/** Something rigid that is drawn: a link, a tool, an object. */
+/** A rigid body that is drawn: a link, a tool, an object. */
 export interface BodyInfo {
   name: string;
   /** Index of the arm that it belongs to. */
@@ -26,7 +15,7 @@ export interface BodyInfo {
   /** It can be placed and pushed. */
   movable?: boolean;
   shapes: Shape[];
-  /** Where it is as long as the state says nothing else. */
+  /** Pose until the state says otherwise. */
   pose: Pose;
 }
 
@@ -61,9 +50,9 @@ export interface ArmState {
   tau_J: ArrayLike<number>;
   tau_cmd: ArrayLike<number>;
   hand: Pose;
-  /** The point that wrenches are about. */
+  /** Reference point of wrenches. */
   wrenchAt: ArrayLike<number>;
-  /** What the arm exerts on its surroundings: estimated, and of the simulation's contacts [N, N m]. */
+  /** Wrench of the arm on its environment: estimated, and from the simulation's contacts [N, N m]. */
   wrench: ArrayLike<number> | undefined;
   contact: ArrayLike<number> | undefined;
   errors: string[];
@@ -72,12 +61,15 @@ export interface ArmState {
   age_s: number;
   interventions: number;
   lastIntervention: string;
+  removedBy: string;
   manipulability: number | undefined;
   /** Distance to the set-point, in `trackingUnit` ("m", "rad"). */
   tracking: number | undefined;
   trackingUnit: string;
   connection: Connection | undefined;
   gripper: Gripper | undefined;
+  /** Any quantity by its name in shared records, such as joint_collision; undefined if the run does not send it. */
+  quantity(name: string): ArrayLike<number> | undefined;
 }
 
 /** A set-point of an input, in world coordinates. */
@@ -88,7 +80,7 @@ export interface ReferenceState {
   values: ArrayLike<number>;
 }
 
-/** A number or more that a controllet says about itself. */
+/** One or more numbers that a controllet reports. */
 export interface OutputState {
   controllet: string;
   name: string;
@@ -112,8 +104,10 @@ export interface LiveState {
   rate_hz: number;
   cycle_us: number;
   overruns: number;
+  /** Number of stops so far, of which a resume says which the person has seen. */
+  stops: number | undefined;
   paused: boolean;
-  /** The loop makes no cycles. */
+  /** The loop does not run. */
   standing: boolean;
   arms: ArmState[];
   /** Poses of the bodies, seven numbers each: x y z qw qx qy qz. */
@@ -128,21 +122,26 @@ export function poseAt(values: ArrayLike<number>, offset = 0): Pose {
   return { position: [at(0), at(1), at(2)], quaternion: [at(3), at(4), at(5), at(6)] };
 }
 
-/** The share of the largest torque in use, 0 to 1, and the joint that it is. */
+/** Joints, counted from 1, whose flag is set. */
+export function flagged(state: ArmState, name: string): number[] {
+  return Array.from(state.quantity(name) ?? [], (flag, k) => (flag > 0 ? k + 1 : 0)).filter((joint) => joint > 0);
+}
+
+/** The fraction of the largest torque in use, 0 to 1, and its joint. */
 export function torqueUse(arm: ArmInfo, state: ArmState): { share: number; joint: number } {
   let [share, joint] = [0, 0];
   for (let k = 0; k < arm.joints; ++k) {
-    const use = Math.abs(state.tau_cmd[k] ?? 0) / (arm.tau_max[k] ?? Infinity);
+    const use = Math.abs(state.tau_cmd[k] ?? 0) / (arm.tau_max_nm[k] ?? Infinity);
     if (use > share) [share, joint] = [use, k];
   }
   return { share, joint };
 }
 
-/** How near the nearest joint is to an end of its range, as the share of the range, 0 to 0.5. */
+/** Distance of the nearest joint from an end of its range, as a fraction of the range, 0 to 0.5. */
 export function limitMargin(arm: ArmInfo, state: ArmState): { share: number; joint: number } {
   let [share, joint] = [0.5, 0];
   for (let k = 0; k < arm.joints; ++k) {
-    const [low = 0, high = 0, q = 0] = [arm.q_min[k], arm.q_max[k], state.q[k]];
+    const [low = 0, high = 0, q = 0] = [arm.q_min_rad[k], arm.q_max_rad[k], state.q[k]];
     const margin = Math.min(q - low, high - q) / (high - low);
     if (margin < share) [share, joint] = [margin, k];
   }

@@ -1,4 +1,4 @@
-// A recorded log as a run: where one is in it, and how it plays. States are fetched ahead in slices.
+// A recorded log as a run: position and playback. States are fetched ahead in slices.
 import type { WireLog } from "../wire/hello.ts";
 
 export interface Slice {
@@ -13,7 +13,7 @@ export type FetchState = (log: number, t_s: number) => Promise<Slice | undefined
 
 const kAhead = 4; // [s] in one slice
 
-/** One log: its slice in hand, and what is on the way. */
+/** One log: its slice in memory, and the one being fetched. */
 class Track {
   private slice: Slice | undefined;
   private coming = false;
@@ -24,7 +24,7 @@ class Track {
     private readonly fetch: FetchStates,
   ) {}
 
-  /** The row of a time, if it is at hand; fetches what comes next. */
+  /** The row of a time, if available; fetches what comes next. */
   at(t: number): Float64Array | undefined {
     const time = Math.min(this.info.t_to_s, Math.max(this.info.t_from_s, t));
     const row = this.slice && rowAt(this.slice, time);
@@ -40,7 +40,7 @@ class Track {
   }
 }
 
-/** The newest row that is not later than `t`; undefined if the slice does not reach it. */
+/** The newest row not later than `t`; undefined if it is outside the slice. */
 export function rowAt({ rows, columns, numbers }: Slice, t: number): Float64Array | undefined {
   const time = (k: number) => numbers[k * columns]!;
   const kClose = 0.05; // [s] that a time may be outside of a slice: the rows do not begin exactly there
@@ -64,7 +64,7 @@ export class LogPlayer {
   private scrubbing = 0;
   private readonly shown: (number | undefined)[] = [];
 
-  /** With a second log, its time is counted from its own beginning, as the first one's is. */
+  /** The time of a second log counts from its own start, like the first one's. */
   constructor(
     readonly logs: readonly WireLog[],
     fetchStates: FetchStates,
@@ -82,14 +82,14 @@ export class LogPlayer {
     const latest = ++this.scrubbing;
     this.logs.forEach((_, log) => {
       void this.fetchState(log, this.timeIn(log)).then((slice) => {
-        // An older answer that comes later is not shown.
+        // An older answer that arrives later is not shown.
         if (slice && slice.rows > 0 && latest === this.scrubbing)
           this.show(log, slice.numbers.subarray(1, slice.columns));
       });
     });
   }
 
-  /** Goes on with the drawn frames. */
+  /** Advances with the drawn frames. */
   frame(seconds: number): void {
     if (!this.playing) return;
     const next = Math.min(this.to, this.t + seconds * this.speed);

@@ -1,4 +1,4 @@
-// One page's view of one run: the scene, the newest state, the controllets, who has control, and the way to ask.
+// One page's view of one run: the scene, the newest state, the controllets, control, and requests.
 import type { Answer, ControlletInfo, InputInfo } from "./description.ts";
 import type { LiveState, SceneInfo } from "./live.ts";
 import type { TimelineEvent } from "./timeline.ts";
@@ -8,11 +8,11 @@ export type LineStatus = "connecting" | "connected" | "lost" | "refused";
 export interface Control {
   /** This page has control. */
   mine: boolean;
-  /** Somebody has. */
+  /** Another page has control. */
   taken: boolean;
-  /** This page has asked for it. */
+  /** This page has requested it. */
   asked: boolean;
-  /** Pages that ask for it. */
+  /** Pages that request it. */
   requests: number[];
   watchers: number;
 }
@@ -26,7 +26,7 @@ interface SessionEvents {
   control: Control;
   event: TimelineEvent;
   status: LineStatus;
-  /** A request was refused: for the messages. */
+  /** A request was refused: shown as a message. */
   refused: { request: string; reason: string };
   /** The run has ended this page's hold. */
   released: string;
@@ -47,7 +47,7 @@ export class Session {
   control: Control = kNoControl;
   status: LineStatus = "connecting";
   kind: "run" | "virtual_arm" | "log" = "run";
-  /** What the other end takes. */
+  /** Requests accepted by the other end. */
   commands: ReadonlySet<string> = new Set();
   why = "";
   private readonly listeners = new Map<string, ((value: never) => void)[]>();
@@ -74,7 +74,7 @@ export class Session {
     this.emit("state", state);
   }
 
-  /** Asks the run; a refusal is shown, and returned. */
+  /** Sends a request; a refusal is shown and returned. */
   async request(word: string, fields: Record<string, unknown> = {}): Promise<Answer> {
     if (!this.sender) return { ok: false, verdict: "loop_not_running", reason: "There is no connection to the run." };
     const answer = await this.sender.request(word, fields);
@@ -101,7 +101,7 @@ export class Session {
     return this.scene?.arms.findIndex((arm) => arm.name === name) ?? -1;
   }
 
-  /** The input of the arm's owner that takes this quantity; the arm's own one before a common one. */
+  /** The input of the arm's owner for this quantity; the arm's own one before a common one. */
   inputFor(arm: string, quantity: InputInfo["quantity"]): { controllet: ControlletInfo; input: InputInfo } | undefined {
     const controllet = this.ownerOf(arm);
     if (!controllet) return undefined;
@@ -110,7 +110,7 @@ export class Session {
     return input ? { controllet, input } : undefined;
   }
 
-  /** The set-point of an input, as the newest state has it. */
+  /** The set-point of an input in the newest state. */
   reference(controllet: string, input: string): ArrayLike<number> | undefined {
     return this.state?.references.find((one) => one.controllet === controllet && one.input === input)?.values;
   }

@@ -1,4 +1,4 @@
-// What has happened: who owned which arm when, and what was marked on the way. Fed by events, drawn by the panel.
+// History of the arms' owners and of marked events. Fed by events, drawn by the panel.
 
 export interface TimelineEvent {
   t_s: number;
@@ -30,7 +30,7 @@ export class Timeline {
 
   constructor(private readonly most = 3000) {}
 
-  /** Events arrive in order; one with an earlier time begins again, as after a reset of the simulation. */
+  /** Events arrive in order; an earlier time starts again, as after a reset of the simulation. */
   add(event: TimelineEvent): void {
     this.events.push(event);
     if (this.events.length > this.most) this.events.splice(0, this.events.length - this.most);

@@ -1,10 +1,11 @@
-// One arm at a glance: who owns it, how it is, how far its joints are from their limits, and what is wrong.
-import { torqueUse, type ArmInfo, type ArmState } from "../model/live.ts";
-import { h, replaceChildren, setAttribute, setText, toggle } from "../ui/dom.ts";
-import { icon } from "../ui/icons.ts";
+// Summary of one arm: owner, state, distances of its joints from their limits, and faults.
+import type { ControlletInfo } from "../model/description.ts";
+import { flagged, torqueUse, type ArmInfo, type ArmState, type LiveState, type SceneInfo } from "../model/live.ts";
+import type { Session } from "../model/session.ts";
+import { button, div, h, replaceChildren, row, setAttribute, setText, toggle, icon } from "../ui/dom.ts";
 import { fixed, spaced } from "../ui/words.ts";
 
-/** Numbers of an arm that come from its controllet and from the run, in the order in which they are shown. */
+/** Numbers of an arm from its controllet and the run, in display order. */
 export interface ArmFigures {
   features: string[];
   /** Fill of the energy tanks, 0 to 1, by name. */
@@ -32,8 +33,7 @@ export class ArmCard {
   constructor(
     private readonly arm: ArmInfo,
     index: number,
-    recover: () => void,
-    reconnect: () => void,
+    private readonly ask: (word: "recover" | "reconnect") => void,
   ) {
     const name = h("h2", { class: "fill" }, h("span", { class: `dot arm-${(index % 4) + 1}` }), arm.name);
     const rows = h("div", { class: "joints", role: "group", "aria-label": `Joints of ${arm.name}` });
@@ -41,18 +41,13 @@ export class ArmCard {
     this.element = h(
       "section",
       { class: "card arm-card", "aria-label": `Arm ${arm.name}` },
-      h("div", { class: "row" }, name, this.badge),
-      h("div", { class: "row" }, this.owner, this.features),
+      row(name, this.badge),
+      row(this.owner, this.features),
       this.error,
       rows,
       this.list,
     );
-    this.recover = recover;
-    this.reconnect = reconnect;
   }
-
-  private readonly recover: () => void;
-  private readonly reconnect: () => void;
 
   update(state: ArmState, figures: ArmFigures): void {
     this.showMode(state);
@@ -66,6 +61,9 @@ export class ArmCard {
     this.figure("Tracking error", trackingText(state));
     const force = state.wrench ? Math.hypot(state.wrench[0]!, state.wrench[1]!, state.wrench[2]!) : undefined;
     this.figure("Estimated force", force === undefined ? undefined : `${fixed(force, 1)} N`);
+    const [touching, hit] = [flagged(state, "joint_contact"), flagged(state, "joint_collision")];
+    this.figure("Joints in contact", touching.length ? touching.join(", ") : undefined);
+    this.figure("Joints in collision", hit.length ? hit.join(", ") : undefined, true);
     this.figure("Manipulability", state.manipulability === undefined ? undefined : fixed(state.manipulability, 3));
     for (const tank of figures.tanks) this.figure(`Tank ${tank.name}`, `${fixed(tank.value, 2)} J`);
     const { connection, gripper } = state;
@@ -80,9 +78,9 @@ export class ArmCard {
       const holds = gripper.grasped ? ", holds" : gripper.moving ? ", moves" : "";
       this.figure("Gripper", `${fixed(1000 * gripper.width_m, 1)} mm${holds}`);
     }
-    const last =
-      state.lastIntervention && state.lastIntervention !== "none" ? `, ${spaced(state.lastIntervention)}` : "";
-    this.figure("Interventions", `${state.interventions}${last}`);
+    this.figure("Controllet removed by", state.removedBy ? spaced(state.removedBy) : undefined, true);
+    const last = state.lastIntervention && state.lastIntervention !== "none" ? state.lastIntervention : "";
+    this.figure("Interventions", `${state.interventions}${last && `, ${spaced(last)}`}`);
   }
 
   private showMode(state: ArmState): void {
@@ -101,18 +99,14 @@ export class ArmCard {
     if (key === this.lastError) return;
     this.lastError = key;
     this.error.hidden = !shown;
-    const act = (text: string, go: () => void) => h("button", { type: "button", onclick: go }, text);
+    const what = state.errors.map(spaced).join(", ") || (lost ? "Connection lost" : "Stopped");
+    const cure = lost ? ("reconnect" as const) : ("recover" as const);
     replaceChildren(
       this.error,
-      h(
-        "strong",
-        {},
-        icon("warning", 14),
-        ` ${state.errors.map(spaced).join(", ") || (lost ? "Connection lost" : "Stopped")}`,
-      ),
+      h("strong", {}, icon("warning", 14), ` ${what}`),
       state.reason ? h("p", {}, state.reason) : null,
-      ...state.cures.map(({ cure }) => h("p", {}, h("b", {}, "Do: "), cure)),
-      h("div", { class: "row" }, lost ? act("Reconnect", this.reconnect) : act("Recover", this.recover)),
+      ...state.cures.map((one) => h("p", {}, h("b", {}, "Do: "), one.cure)),
+      row(button(lost ? "Reconnect" : "Recover", () => this.ask(cure))),
     );
   }
 
@@ -122,30 +116,21 @@ export class ArmCard {
     const torque = h("span", { class: "torque" });
     const text = h("span", { class: "number" });
     this.joints.push({ track, position, torque, text });
-    return h(
-      "div",
-      { class: "joint" },
-      h("span", { class: "hint" }, `${k + 1}`),
-      track,
-      text,
-      h("span", { class: "torque-track", title: "Torque in use" }, torque),
-    );
+    const used = h("span", { class: "torque-track", title: "Torque in use" }, torque);
+    return div("joint", h("span", { class: "hint" }, `${k + 1}`), track, text, used);
   }
 
   private showJoint(row: JointRow, k: number, state: ArmState): void {
-    const [low = -Math.PI, high = Math.PI, q = NaN] = [this.arm.q_min[k], this.arm.q_max[k], state.q[k]];
+    const [low = -Math.PI, high = Math.PI, q = NaN] = [this.arm.q_min_rad[k], this.arm.q_max_rad[k], state.q[k]];
     const share = Math.max(0, Math.min(1, (q - low) / (high - low)));
     row.position.style.left = `${(100 * share).toFixed(1)}%`;
     toggle(row.track, "near", share < 0.06 || share > 0.94);
-    const use = Math.min(1, Math.abs(state.tau_cmd[k] ?? 0) / (this.arm.tau_max[k] ?? Infinity));
+    const use = Math.min(1, Math.abs(state.tau_cmd[k] ?? 0) / (this.arm.tau_max_nm[k] ?? Infinity));
     row.torque.style.width = `${(100 * use).toFixed(0)}%`;
     toggle(row.torque, "high", use > 0.8);
     setText(row.text, fixed(q, 2));
-    setAttribute(
-      row.track,
-      "aria-label",
-      `Joint ${k + 1}: ${fixed(q, 2)} rad of ${fixed(low, 2)} to ${fixed(high, 2)}, torque ${fixed(100 * use, 0)} %`,
-    );
+    const range = `${fixed(q, 2)} rad of ${fixed(low, 2)} to ${fixed(high, 2)}`;
+    setAttribute(row.track, "aria-label", `Joint ${k + 1}: ${range}, torque ${fixed(100 * use, 0)} %`);
   }
 
   private figure(name: string, value: string | undefined, alarming = false): void {
@@ -169,4 +154,37 @@ function trackingText({ tracking, trackingUnit }: ArmState): string | undefined 
   return trackingUnit === "m" || trackingUnit === "rad"
     ? `${fixed(1000 * tracking, 1)} m${trackingUnit}`
     : fixed(tracking, 3);
+}
+
+// A card for each arm.
+export class ArmsPanel {
+  readonly element = h("aside", { class: "arms", "aria-label": "Arms", tabindex: 0 });
+  private cards: ArmCard[] = [];
+
+  constructor(private readonly session: Session) {}
+
+  build(scene: SceneInfo): void {
+    const ask = (arm: string) => (word: string) => void this.session.request(word, { arm });
+    this.cards = scene.arms.map((arm, k) => new ArmCard(arm, k, ask(arm.name)));
+    replaceChildren(this.element, ...this.cards.map((card) => card.element));
+  }
+
+  update(): void {
+    const { state } = this.session;
+    if (!state) return;
+    this.cards.forEach((card, k) => {
+      const arm = state.arms[k];
+      if (arm) card.update(arm, figuresOf(this.session.controllet(arm.controllet), state));
+    });
+  }
+}
+
+/** Data from the arm's owner: active features, energies in its tanks. */
+export function figuresOf(owner: ControlletInfo | undefined, state: LiveState): ArmFigures {
+  return {
+    features: owner?.features.filter((one) => one.on).map((one) => one.name) ?? [],
+    tanks: state.outputs
+      .filter((one) => one.controllet === owner?.name && /tank|energy/.test(one.name))
+      .map((one) => ({ name: one.name, value: one.values[0] ?? NaN })),
+  };
 }

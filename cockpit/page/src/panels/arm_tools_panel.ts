@@ -1,7 +1,9 @@
-// What is asked of one arm: gripper, load, recovery, its stop button.
+// Requests to one arm: gripper, load, recovery, user stop.
 import type { Session } from "../model/session.ts";
-import { h, replaceChildren } from "../ui/dom.ts";
-import { Slider } from "./slider.ts";
+import { outcome } from "../model/description.ts";
+import type { Holding } from "../safety/holding.ts";
+import { button, div, fold, h, replaceChildren, row } from "../ui/dom.ts";
+import { holdButton, isHeldIn, Slider } from "./controls.ts";
 
 const kUsualWidth = 0.08; // [m] of Franka's hand
 
@@ -10,23 +12,26 @@ export class ArmToolsPanel {
   private built = "";
   private readonly result = h("p", { class: "hint", role: "status" });
 
-  constructor(private readonly session: Session) {
+  constructor(
+    private readonly session: Session,
+    private readonly holding: Holding,
+  ) {
     const rebuild = () => this.build();
     session.on("scene", () => {
       this.built = "";
       rebuild();
     });
     session.on("control", rebuild);
-    session.on("state", rebuild); // whether an arm has a gripper shows in its state
+    session.on("state", rebuild); // the state shows whether an arm has a gripper
   }
 
   private build(): void {
     const { scene, state, control } = this.session;
     if (!scene) return;
-    // A gripper knows how far it opens after homing only.
+    // A gripper's largest width is known only after homing.
     const grippers = state?.arms.map((arm) => (arm.gripper ? arm.gripper.max_width_m || kUsualWidth : -1)) ?? [];
     const key = JSON.stringify([scene.name, scene.arms.map((arm) => arm.name), grippers, control.mine]);
-    if (key === this.built) return;
+    if (key === this.built || isHeldIn(this.element)) return;
     this.built = key;
     const sections = scene.arms.map((arm, k) =>
       h(
@@ -42,67 +47,47 @@ export class ArmToolsPanel {
     replaceChildren(this.element, ...sections, this.result);
   }
 
-  private ask(word: string, fields: Record<string, unknown>, done: string): void {
-    this.result.textContent = "…";
-    void this.session.request(word, fields).then((answer) => {
-      const message = typeof answer["message"] === "string" ? answer["message"] : done;
-      this.result.textContent = answer.ok ? message : `Refused: ${answer.reason ?? answer.verdict}`;
-    });
-  }
-
-  private button(
-    text: string,
-    word: string,
-    fields: () => Record<string, unknown>,
-    done: string,
-    arm: string,
-  ): HTMLElement {
-    const element = h("button", { type: "button", "aria-label": `${text}: ${arm}` }, text);
-    element.addEventListener("click", () => this.ask(word, { arm, ...fields() }, done));
-    return element;
+  private button(text: string, arm: string, word: string, fields: () => object, done: string, moves = false) {
+    const ask = async () => {
+      this.result.textContent = "…";
+      const answer = await this.session.request(word, { arm, ...fields() });
+      this.result.textContent = outcome(answer, typeof answer["message"] === "string" ? answer["message"] : done);
+      return answer;
+    };
+    if (moves) return holdButton(this.holding, text, ask, { "aria-label": `${text} while held: ${arm}` });
+    return button(text, () => void ask(), { "aria-label": `${text}: ${arm}` });
   }
 
   private gripper(arm: string, most: number): HTMLElement {
     const width = new Slider({ label: "Width", unit: "m", min: 0, max: most, step: 0.001, value: most });
     const force = new Slider({ label: "Force", unit: "N", min: 5, max: 70, step: 1, value: 20 });
-    const action =
-      (action: string, more: () => object = () => ({})) =>
-      () => ({ action, ...more() });
-    const move = () => ({ width_m: width.value, speed_m_per_s: 0.05 });
-    const grasp = () => ({ ...move(), force_n: force.value, tolerance_m: 0.08 });
-    return h(
-      "div",
-      {},
+    const act = (text: string, action: string, done: string, more: () => object = () => ({})) =>
+      this.button(text, arm, "gripper", () => ({ action, ...more() }), done, action !== "stop");
+    const move = (width_m: number) => ({ width_m, speed_m_per_s: 0.05 });
+    const grasp = () => ({ ...move(width.value), force_n: force.value, tolerance_m: 0.08 });
+    return div(
+      "",
       h("h3", {}, "Gripper"),
       width.element,
       force.element,
-      h(
-        "div",
-        { class: "row" },
-        this.button(
-          "Open",
-          "gripper",
-          action("move", () => ({ width_m: most, speed_m_per_s: 0.05 })),
-          "Opened.",
-          arm,
-        ),
-        this.button("Move gripper", "gripper", action("move", move), "Moved.", arm),
-        this.button("Grasp", "gripper", action("grasp", grasp), "Grasped.", arm),
-        this.button("Homing", "gripper", action("homing"), "Homed.", arm),
-        this.button("Stop gripper", "gripper", action("stop"), "Stopped.", arm),
+      row(
+        act("Open", "move", "Opened.", () => move(most)),
+        act("Move gripper", "move", "Moved.", () => move(width.value)),
+        act("Grasp", "grasp", "Grasped.", grasp),
+        act("Homing", "homing", "Homed."),
+        act("Stop gripper", "stop", "Stopped."),
       ),
     );
   }
 
   private vacuum(arm: string): HTMLElement {
-    const on = () => ({ action: "on", vacuum_mbar: 500, timeout_s: 3 });
-    return h(
-      "div",
-      { class: "row" },
+    const act = (text: string, fields: object, done: string) =>
+      this.button(text, arm, "vacuum", () => fields, done, text !== "Stop vacuum");
+    return row(
       h("h3", { class: "fill" }, "Vacuum gripper"),
-      this.button("Suck", "vacuum", on, "It holds.", arm),
-      this.button("Drop", "vacuum", () => ({ action: "drop", timeout_s: 3 }), "Dropped.", arm),
-      this.button("Stop vacuum", "vacuum", () => ({ action: "stop" }), "Stopped.", arm),
+      act("Suck", { action: "on", vacuum_mbar: 500, timeout_s: 3 }, "It holds."),
+      act("Drop", { action: "drop", timeout_s: 3 }, "Dropped."),
+      act("Stop vacuum", { action: "stop" }, "Stopped."),
     );
   }
 
@@ -110,32 +95,24 @@ export class ArmToolsPanel {
     const mass = new Slider({ label: "Mass", unit: "kg", min: 0, max: 5, step: 0.05, value: 0 });
     const height = new Slider({ label: "Center of mass, z", unit: "m", min: -0.1, max: 0.3, step: 0.005, value: 0 });
     const fields = () => {
-      // The inertia of a ball of that mass with a radius of 4 cm: any positive one serves a load at rest.
+      // Inertia of a ball of that mass with a radius of 4 cm: any positive one is sufficient for a load
+      // at rest.
       const inertia = 0.4 * mass.value * 0.04 ** 2;
-      return {
-        mass_kg: mass.value,
-        com_m: [0, 0, height.value],
-        inertia_kg_m2: { xx: inertia, yy: inertia, zz: inertia, xy: 0, xz: 0, yz: 0 },
-      };
+      const inertia_kg_m2 = { xx: inertia, yy: inertia, zz: inertia, xy: 0, xz: 0, yz: 0 };
+      return { mass_kg: mass.value, com_m: [0, 0, height.value], inertia_kg_m2 };
     };
-    return h(
-      "details",
-      {},
-      h("summary", {}, "Load"),
-      mass.element,
-      height.element,
-      this.button("Declare load", "set_load", fields, "Declared.", arm),
-    );
+    const declare = this.button("Declare load", arm, "set_load", fields, "Declared.", true);
+    return fold("Load", mass.element, height.element, declare);
   }
 
   private recovery(arm: string, simulated: boolean): HTMLElement {
-    return h(
-      "div",
-      { class: "row" },
-      this.button("Recover", "recover", () => ({}), "Recovered; the arm is held.", arm),
-      this.button("Reconnect", "reconnect", () => ({}), "Connected; the arm is held.", arm),
-      simulated ? this.button("Press user stop", "user_stop", () => ({ pressed: true }), "Pressed.", arm) : null,
-      simulated ? this.button("Release user stop", "user_stop", () => ({ pressed: false }), "Released.", arm) : null,
+    const act = (text: string, word: string, done: string, fields = {}) =>
+      this.button(text, arm, word, () => fields, done);
+    return row(
+      act("Recover", "recover", "Recovered; the arm is held."),
+      act("Reconnect", "reconnect", "Connected; the arm is held."),
+      simulated ? act("Press user stop", "user_stop", "Pressed.", { pressed: true }) : null,
+      simulated ? act("Release user stop", "user_stop", "Released.", { pressed: false }) : null,
     );
   }
 }

@@ -1,7 +1,6 @@
-// The bar: which scene, how the run does, who has control, and Stop, which is always there and always allowed.
+// The bar: scene, status of the run, control, and Stop, which is always visible and allowed.
 import type { Session } from "../model/session.ts";
-import { h, replaceChildren, setAttribute, setText, toggle } from "../ui/dom.ts";
-import { icon } from "../ui/icons.ts";
+import { button, div, h, replaceChildren, setAttribute, setText, toggle, icon } from "../ui/dom.ts";
 import type { ThemeSwitch } from "../ui/theme.ts";
 import { clock, fixed } from "../ui/words.ts";
 
@@ -24,36 +23,27 @@ export class Bar {
     theme: ThemeSwitch,
     private readonly stopAll: () => void,
   ) {
-    this.stop = h(
-      "button",
-      { type: "button", class: "stop", "aria-keyshortcuts": kStopKey, title: "Stops all arms at once. Key: Escape" },
-      icon("stop", 18),
-      "Stop",
-    );
-    // At the press, not at the release: a stop never waits for a finger.
+    const title = "Stops all arms at once. Key: Escape";
+    const how = { class: "stop", "aria-keyshortcuts": kStopKey, title };
+    this.stop = button([icon("stop", 18), "Stop"], undefined, how);
+    // On press, not on release: a stop must not wait.
     this.stop.addEventListener("pointerdown", () => this.stopAll());
     this.stop.addEventListener("click", (event) => {
       if (event.detail === 0) this.stopAll(); // from the keyboard or a screen reader
     });
-    addEventListener(
-      "keydown",
-      (event) => {
-        if (event.key === kStopKey && !event.repeat) this.stopAll();
-      },
-      { capture: true },
-    );
-    const shade = h("button", { type: "button", class: "quiet icon-only" });
+    const onKey = (event: KeyboardEvent) => event.key === kStopKey && !event.repeat && this.stopAll();
+    addEventListener("keydown", onKey, { capture: true });
+    const shade = button("", () => theme.switchOver(), { class: "quiet icon-only" });
     const showTheme = () => {
       setAttribute(shade, "aria-label", theme.theme === "dark" ? "Use the light theme" : "Use the dark theme");
       replaceChildren(shade, icon(theme.theme === "dark" ? "sun" : "moon", 18));
     };
-    shade.addEventListener("click", () => theme.switchOver());
     theme.addEventListener("change", showTheme);
     showTheme();
     this.element = h(
       "header",
       { class: "bar" },
-      h("div", { class: "brand" }, this.title, this.subtitle),
+      div("brand", this.title, this.subtitle),
       this.line,
       this.loop,
       this.time,
@@ -105,34 +95,29 @@ export class Bar {
     this.shownControl = key;
     setText(this.people, control.watchers === 1 ? "1 page" : `${control.watchers} pages`);
     this.people.title = "Pages that watch this run";
-    const button = (text: string, kind: string, act: () => void) => {
-      const element = h("button", { type: "button", class: kind, disabled: status !== "connected" }, text);
-      element.addEventListener("click", act);
-      return element;
-    };
-    const ask = (fields: Record<string, unknown>) => () => void this.session.request("control", fields);
-    const buttons: HTMLElement[] = [];
-    if (control.mine) {
-      if (stopped)
-        buttons.push(button("Resume", "primary", () => void this.session.request("resume", { arms: "all" })));
-      const asking = control.requests[0];
-      if (asking !== undefined) {
-        buttons.push(button("Hand over", "primary", ask({ give: asking })), button("Keep", "", ask({ keep: true })));
-      }
-      buttons.push(
-        h("span", { class: "badge good" }, "in control"),
-        button("Give up control", "", ask({ give: null })),
-      );
-    } else if (control.taken) {
-      buttons.push(
-        h("span", { class: "badge" }, "watching"),
-        control.asked
-          ? h("span", { class: "badge warning" }, "asked for control")
-          : button("Ask for control", "", ask({ take: true })),
-      );
-    } else {
-      buttons.push(h("span", { class: "badge" }, "watching"), button("Take control", "primary", ask({ take: true })));
-    }
-    replaceChildren(this.control, ...buttons);
+    const badge = (text: string, kind = "") => h("span", { class: `badge ${kind}` }, text);
+    // A stop that this page has not shown is not resumed.
+    const seen = (word: string) => word === "resume" && { stops: this.session.state?.stops };
+    const ask = (text: string, fields: Record<string, unknown>, kind = "", word = "control") =>
+      button(text, () => void this.session.request(word, { ...fields, ...seen(word) }), {
+        class: kind,
+        disabled: status !== "connected",
+      });
+    const asking = control.requests[0];
+    const shown: (HTMLElement | false)[] = control.mine
+      ? [
+          stopped && ask("Resume", { arms: "all" }, "primary", "resume"),
+          asking !== undefined && ask("Hand over", { give: asking }, "primary"),
+          asking !== undefined && ask("Keep", { keep: true }),
+          badge("in control", "good"),
+          ask("Give up control", { give: null }),
+        ]
+      : [
+          badge("watching"),
+          control.taken && control.asked
+            ? badge("asked for control", "warning")
+            : ask(control.taken ? "Ask for control" : "Take control", { take: true }, control.taken ? "" : "primary"),
+        ];
+    replaceChildren(this.control, ...shown);
   }
 }

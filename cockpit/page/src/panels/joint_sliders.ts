@@ -1,10 +1,10 @@
-// Joint positions by sliders: a joint moves while its slider is held, and stops where it is when it is let go.
+// Joint positions by sliders: a joint moves while its slider is held, and stops when released.
 import type { ArmInfo, ArmState } from "../model/live.ts";
 import type { Session } from "../model/session.ts";
 import type { Holding } from "../safety/holding.ts";
 import { JointMotion, type JogSettings } from "../teleop/motions.ts";
 import { h, replaceChildren } from "../ui/dom.ts";
-import { Slider } from "./slider.ts";
+import { Slider } from "./controls.ts";
 
 export class JointSliders {
   readonly element = h("div", { class: "joint-sliders" });
@@ -24,13 +24,13 @@ export class JointSliders {
       const slider = new Slider({
         label: `Joint ${k + 1}`,
         unit: "rad",
-        min: Math.ceil(100 * (arm.q_min[k] ?? -Math.PI)) / 100,
-        max: Math.floor(100 * (arm.q_max[k] ?? Math.PI)) / 100,
+        min: Math.ceil(100 * (arm.q_min_rad[k] ?? -Math.PI)) / 100,
+        max: Math.floor(100 * (arm.q_max_rad[k] ?? Math.PI)) / 100,
         step: 0.01,
         value: 0,
         hint: "Moves while it is held",
       });
-      // A typed number would move without being held.
+      // A typed number would cause motion without a held button.
       slider.number.readOnly = true;
       slider.number.tabIndex = -1;
       this.bind(slider, k, arm.name);
@@ -70,11 +70,11 @@ export class JointSliders {
       if (!this.holding.begin(name, () => held === by && document.activeElement === range, motion)) held = undefined;
     };
     range.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return; // it opens a menu, and its release may never be told
+      if (event.button !== 0) return; // it opens a menu, and its release may not be reported
       range.focus();
       begin("pointer");
     });
-    // The browser itself drags the slider, so the release may be anywhere.
+    // The browser drags the slider, so the release may be anywhere.
     addEventListener("pointerup", () => held === "pointer" && this.holding.letGo(name));
     addEventListener(
       "pointercancel",

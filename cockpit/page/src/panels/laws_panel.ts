@@ -1,33 +1,40 @@
-// Control laws: which controllet owns which arm, what else fits, its features and parameters, and what a switch cost.
-import type { ControlletInfo, SwitchAnswer } from "../model/description.ts";
+// Control laws: owner of each arm, alternatives, features and parameters, and the cost of a switch.
+import { outcome, type ControlletInfo, type SwitchAnswer } from "../model/description.ts";
 import type { Session } from "../model/session.ts";
-import { h, replaceChildren } from "../ui/dom.ts";
+import type { Holding } from "../safety/holding.ts";
+import { button, div, h, replaceChildren, row } from "../ui/dom.ts";
 import { fixed, listed, spaced } from "../ui/words.ts";
-import { parameterList } from "./parameter_list.ts";
+import { holdButton, isHeldIn } from "./controls.ts";
+import { parameterList, type Drafts } from "./parameter_list.ts";
 
 export class LawsPanel {
   readonly element = h("div", {});
-  private readonly groups = h("div", { class: "section" });
+  private readonly groups = div("section");
   private readonly result = h("p", { class: "hint", role: "status" });
-  private readonly details = h("div", { class: "section" });
+  private readonly details = div("section");
+  private readonly drafts: Drafts = new Map();
   private chosen = "";
   private shown = "";
 
-  constructor(private readonly session: Session) {
+  constructor(
+    private readonly session: Session,
+    private readonly holding: Holding,
+  ) {
     this.element.append(this.groups, this.details);
     session.on("list", () => this.update());
     session.on("control", () => this.update());
     session.on("scene", () => {
       this.chosen = this.shown = "";
+      this.drafts.clear();
       this.update();
     });
   }
 
-  /** Called with every state, too: the owner of an arm may change by itself. */
+  /** Also called with every state, because an arm's owner may change without a request. */
   update(): void {
     const active = this.session.list.map((one) => this.isActive(one));
     const key = JSON.stringify([this.session.list, active, this.session.control.mine, this.chosen]);
-    if (key === this.shown) return;
+    if (key === this.shown || isHeldIn(this.element)) return;
     this.shown = key;
     const focused = document.activeElement?.id;
     this.buildGroups();
@@ -60,35 +67,29 @@ export class LawsPanel {
   private entry(one: ControlletInfo): HTMLElement {
     const active = this.isActive(one);
     const chosen = one.name === this.chosenController()?.name;
-    const choose = h(
-      "button",
-      { type: "button", id: `choose-${one.name}`, class: "quiet fill law-name", "aria-pressed": String(chosen) },
-      h("span", { class: "law-title" }, one.name),
-      h("span", { class: "law-type" }, spaced(one.type)),
-    );
-    choose.addEventListener("click", () => {
+    const choose = () => {
       this.chosen = one.name;
       this.update();
-    });
-    const act = h(
-      "button",
-      {
-        type: "button",
+    };
+    const names = [h("span", { class: "law-title" }, one.name), h("span", { class: "law-type" }, spaced(one.type))];
+    const pressed = { class: "quiet fill law-name", "aria-pressed": String(chosen) };
+    return div(
+      `row law ${active ? "active" : ""}`,
+      button(names, choose, { id: `choose-${one.name}`, ...pressed }),
+      holdButton(this.holding, active ? "Active" : "Activate", () => this.activate(one), {
         id: `switch-${one.name}`,
         disabled: !this.session.control.mine || active,
-        "aria-label": active ? `${one.name} is active` : `Activate ${one.name}`,
-        onclick: () => void this.activate(one),
-      },
-      active ? "Active" : "Activate",
+        "aria-label": active ? `${one.name} is active` : `Activate ${one.name} while held`,
+      }),
     );
-    return h("div", { class: `row law ${active ? "active" : ""}` }, choose, act);
   }
 
-  private async activate(one: ControlletInfo): Promise<void> {
+  private async activate(one: ControlletInfo): Promise<SwitchAnswer> {
     const answer = (await this.session.request("switch", { activate: [one.name] })) as SwitchAnswer;
-    this.result.textContent = answer.ok ? switchText(answer) : `Refused: ${answer.reason ?? answer.verdict}`;
+    this.result.textContent = outcome(answer, switchText(answer));
     if (answer.ok) this.chosen = one.name;
     this.update();
+    return answer;
   }
 
   private chosenController(): ControlletInfo | undefined {
@@ -101,37 +102,42 @@ export class LawsPanel {
     const mine = this.session.control.mine;
     const features = one.features.map(({ name, on, doc, refusal }) => {
       const off = !mine || (Boolean(refusal) && !on);
-      const box = h("input", { type: "checkbox", id: `feature-${name}`, checked: on, disabled: off });
-      box.addEventListener("change", () => {
-        void this.session.request("feature", { controllet: one.name, name, on: box.checked }).then((answer) => {
-          if (!answer.ok) box.checked = !box.checked;
-        });
+      const set = () => this.session.request("feature", { controllet: one.name, name, on: !on });
+      const feature = holdButton(this.holding, spaced(name), set, {
+        id: `feature-${name}`,
+        "aria-pressed": String(on),
+        "aria-label": `Switch ${spaced(name)} ${on ? "off" : "on"} while held`,
+        disabled: off,
+        title: doc,
       });
-      const label = h("label", { class: "check", title: doc }, box, spaced(name));
-      return refusal && !on ? h("div", { class: "refused" }, label, h("span", { class: "hint" }, refusal)) : label;
+      return refusal && !on ? div("refused", feature, h("span", { class: "hint" }, refusal)) : feature;
     });
     const parameters = h(
       "fieldset",
       { class: "plain", disabled: !mine },
       h("legend", { class: "visually-hidden" }, `Parameters of ${one.name}`),
-      parameterList(one, (controllet, name, value) => this.session.request("parameter", { controllet, name, value })),
+      parameterList(one, {
+        set: (name, value) => this.session.request("parameter", { controllet: one.name, name, value }),
+        holding: this.holding,
+        drafts: this.drafts,
+      }),
     );
     replaceChildren(
       this.details,
       h("h2", {}, one.name),
       features.length ? h("h3", {}, "Features") : null,
-      features.length ? h("div", { class: "row" }, ...features) : null,
+      features.length ? row(...features) : null,
       h("h3", {}, "Parameters"),
       parameters,
     );
   }
 }
 
-/** What a switch started and cost, in a sentence. */
+/** Result and cost of a switch, in one sentence. */
 export function switchText(answer: SwitchAnswer): string {
   const times = answer.times_ms;
   const steps = (answer.torque_steps ?? []).map(
-    (step) => `${step.arm} ${fixed(step.sent_nm, 2)} N m (computed ${fixed(step.wanted_nm, 2)})`,
+    (step) => `${step.arm} ${fixed(step.sent_nm, 2)} N m (computed ${fixed(step.computed_nm, 2)})`,
   );
   return [
     `Started ${listed(answer.started ?? []) || "nothing"}.`,

@@ -1,13 +1,12 @@
-// A recorded log: scrub, play, and the second log that it is compared with.
+// A recorded log: scrubbing, playback, and a second log for comparison.
 import type { LogPlayer } from "../model/log_player.ts";
-import { h, newId, replaceChildren, setText } from "../ui/dom.ts";
-import { icon } from "../ui/icons.ts";
+import { button, choice, h, newId, replaceChildren, row, setText, icon } from "../ui/dom.ts";
 import { clock, spaced } from "../ui/words.ts";
 import { importance } from "../model/timeline.ts";
 
 export class LogPanel {
   readonly element = h("div", { class: "log-panel" });
-  private readonly play = h("button", { type: "button" });
+  private readonly play = button("", () => this.toggle());
   private readonly scrub = h("input", { type: "range", min: 0, max: 1, step: 0.01, "aria-label": "Time in the log" });
   private readonly time = h("span", { class: "number" });
   private readonly names = h("p", { class: "hint" });
@@ -21,20 +20,16 @@ export class LogPanel {
   private shownPlaying: boolean | undefined;
 
   constructor() {
-    const speedId = newId("speed");
-    const speed = h("select", { id: speedId });
-    for (const value of [0.1, 0.25, 0.5, 1, 2, 5, 10]) {
-      speed.append(h("option", { value, selected: value === 1 }, `${value} ×`));
-    }
-    speed.addEventListener("change", () => this.player && (this.player.speed = Number(speed.value)));
-    this.play.addEventListener("click", () => this.toggle());
+    const id = newId("speed");
+    const speeds = [0.1, 0.25, 0.5, 1, 2, 5, 10].map((value) => [String(value), `${value} ×`] as const);
+    const speed = choice(speeds, "1", (value) => this.player && (this.player.speed = Number(value)), { id });
     this.scrub.addEventListener("input", () => {
       if (!this.player) return;
       this.player.playing = false;
       this.player.seek(Number(this.scrub.value));
     });
     this.element.append(
-      h("div", { class: "row" }, this.play, this.time, h("label", { for: speedId }, "Speed"), speed, this.names),
+      row(this.play, this.time, h("label", { for: id }, "Speed"), speed, this.names),
       this.scrub,
       this.marks,
     );
@@ -51,15 +46,10 @@ export class LogPanel {
         .filter((event) => importance(event.kind) !== "plain")
         .slice(0, 400)
         .map((event) => {
-          const t = player.from + event.t_s - log.t_from_s;
-          const button = h(
-            "button",
-            { type: "button", class: `quiet ${importance(event.kind)}` },
-            h("span", { class: "number" }, clock(event.t_s)),
-            ` ${k > 0 ? `${log.name}: ` : ""}${spaced(event.kind)} ${event.arm} ${event.text}`,
-          );
-          button.addEventListener("click", () => player.seek(t));
-          return button;
+          const seek = () => player.seek(player.from + event.t_s - log.t_from_s);
+          const text = ` ${k > 0 ? `${log.name}: ` : ""}${spaced(event.kind)} ${event.arm} ${event.text}`;
+          const at = h("span", { class: "number" }, clock(event.t_s));
+          return button([at, text], seek, { class: `quiet ${importance(event.kind)}` });
         }),
     );
     replaceChildren(this.marks, ...buttons);

@@ -1,6 +1,6 @@
 // The loop's cycle times as a histogram.
 import { Histogram } from "../model/histogram.ts";
-import { h, setText } from "../ui/dom.ts";
+import { div, h, row, setText } from "../ui/dom.ts";
 import type { ThemeSwitch } from "../ui/theme.ts";
 import { fixed } from "../ui/words.ts";
 
@@ -11,12 +11,7 @@ export class LoopPanel {
   private readonly text = h("p", { class: "number", role: "status" });
 
   constructor(private readonly theme: ThemeSwitch) {
-    this.element = h(
-      "div",
-      { class: "loop" },
-      h("div", { class: "row" }, h("h3", {}, "Computing time of a cycle [µs]"), this.text),
-      this.canvas,
-    );
+    this.element = div("loop", row(h("h3", {}, "Computing time of a cycle [µs]"), this.text), this.canvas);
   }
 
   take(histogram: Histogram): void {
@@ -56,7 +51,7 @@ export class LoopPanel {
     histogram.counts.forEach((count, bin) => {
       if (count > 0) pen.fillRect(x(bin), y(count), (width - left - 4) / bins - 1, height - bottom - y(count));
     });
-    // The period of 1 ms: what is right of it was late.
+    // The period of 1 ms: cycles right of it were late.
     pen.fillStyle = this.theme.color("bad");
     pen.fillRect(x(Histogram.bin(1000)), 0, 1, height - bottom);
   }

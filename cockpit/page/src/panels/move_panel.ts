@@ -1,21 +1,19 @@
-// Moving by hand: which arm, along which axes, how fast, how hard, and with which device.
+// Manual motion: arm, axes, speed, force and device.
 import type { Session } from "../model/session.ts";
+import { jogPad, Slider } from "./controls.ts";
+import { JointSliders } from "./joint_sliders.ts";
 import type { Holding, Motion } from "../safety/holding.ts";
 import type { Deflection, JogAxes } from "../teleop/jog.ts";
-import { address, kDefaultJog, type JogSettings } from "../teleop/motions.ts";
-import { h, newId, replaceChildren, setText } from "../ui/dom.ts";
-import { jogPad } from "./jog_pad.ts";
-import { JointSliders } from "./joint_sliders.ts";
-import { Slider } from "./slider.ts";
-import { wrenchPanel } from "./wrench_panel.ts";
+import { address, kDefaultJog, type JogSettings, WrenchMotion } from "../teleop/motions.ts";
+import { check, choice, div, h, newId, replaceChildren, row, section, setText, button, fold } from "../ui/dom.ts";
 
 export class MovePanel {
   readonly element = h("div", {});
   readonly settings: JogSettings = { ...kDefaultJog };
   arm = "";
-  /** The second hand, for devices that lead two. */
+  /** The second hand, for devices that move two. */
   secondArm = "";
-  private readonly arms = h("div", { class: "section" });
+  private readonly arms = div("section");
   private readonly advice = h("p", { class: "warning-note", role: "status", hidden: true });
   private readonly joints: JointSliders;
 
@@ -23,23 +21,18 @@ export class MovePanel {
     private readonly session: Session,
     holding: Holding,
     motion: (deflection: () => Deflection) => Motion,
-    private readonly armChanged: () => void,
     devices: HTMLElement,
     gizmo: (on: boolean) => void,
   ) {
     this.joints = new JointSliders(session, holding, () => this.settings);
-    const drag = h("input", { type: "checkbox" });
-    drag.addEventListener("change", () => gizmo(drag.checked));
     const jointBox = h("details", { class: "section" }, h("summary", {}, "Joints"), this.joints.element);
     this.element.append(
       this.arms,
       this.advice,
-      h(
-        "div",
-        { class: "section" },
-        h("h2", {}, "Jog"),
+      section(
+        "Jog",
         jogPad(holding, motion),
-        h("label", { class: "check" }, drag, "Drag the target in the picture"),
+        check("Drag the target in the picture", gizmo),
         this.axesChoice(),
         this.limit("Speed", "m/s", 0.005, 0.25, "speed_m_per_s", 0.005),
         this.limit("Turning speed", "rad/s", 0.05, 1, "turn_rad_per_s", 0.05),
@@ -71,25 +64,17 @@ export class MovePanel {
 
   private buildArms(): void {
     const names = this.session.scene?.arms.map((arm) => arm.name) ?? [];
-    const choice = (label: string, current: string, choose: (name: string) => void, none: boolean) => {
+    const chosen = (label: string, key: "arm" | "secondArm", more: [string, string][] = []) => {
       const id = newId("arm");
-      const select = h("select", { id, class: "fill" });
-      if (none) select.append(h("option", { value: "" }, "none"));
-      for (const name of names) select.append(h("option", { value: name }, name));
-      select.value = current;
-      select.addEventListener("change", () => {
-        choose(select.value);
-        this.armChanged();
+      const set = (name: string) => {
+        this[key] = name;
         this.update();
-      });
-      return h("div", { class: "row" }, h("label", { for: id, class: "arm-label" }, label), select);
+      };
+      const select = choice([...more, ...names], this[key], set, { id, class: "fill" });
+      return row(h("label", { for: id, class: "arm-label" }, label), select);
     };
-    replaceChildren(
-      this.arms,
-      choice("Arm", this.arm, (name) => (this.arm = name), false),
-      names.length > 1 ? choice("Second hand", this.secondArm, (name) => (this.secondArm = name), true) : null,
-    );
-    this.armChanged();
+    const second = names.length > 1 ? chosen("Second hand", "secondArm", [["", "none"]]) : null;
+    replaceChildren(this.arms, chosen("Arm", "arm"), second);
   }
 
   private axesChoice(): HTMLElement {
@@ -122,4 +107,30 @@ export class MovePanel {
     const set = (value: number) => (this.settings[key] = value);
     return new Slider({ label, unit, min, max, step, value: this.settings[key], input: set, change: set }).element;
   }
+}
+
+// A wrench target for laws that control forces: it presses while its button is held.
+const kMostForce = 40; // [N]
+const kMostMoment = 6; // [N m]
+
+export function wrenchPanel(session: Session, holding: Holding, arm: () => string): HTMLElement {
+  const slider = (label: string, unit: string, most: number) =>
+    new Slider({ label, unit, min: -most, max: most, value: 0, step: most > 10 ? 0.5 : 0.1 });
+  const forces = ["x", "y", "z"].map((axis) => slider(`Force ${axis}`, "N", kMostForce));
+  const moments = ["x", "y", "z"].map((axis) => slider(`Moment ${axis}`, "N m", kMostMoment));
+  const press = button("Hold to press", undefined, { class: "hold", "aria-label": "Press while held" });
+  const motion = new WrenchMotion(session, arm, () => ({
+    force_n: forces.map((one) => one.value),
+    torque_nm: moments.map((one) => one.value),
+  }));
+  holding.bindButton(press, "press", motion);
+  return h(
+    "details",
+    { class: "section" },
+    h("summary", {}, "Wrench target"),
+    h("p", { class: "hint" }, "Wrench of the hand on its environment, in world axes. Down is −z."),
+    ...forces.map((one) => one.element),
+    fold("Moments", ...moments.map((one) => one.element)),
+    press,
+  );
 }

@@ -1,22 +1,68 @@
 // Fields for the parameters of a controllet, made from its descriptor: unit, bounds and help come from there.
 import type { Answer, ControlletInfo, ParameterInfo } from "../model/description.ts";
-import { h, newId } from "../ui/dom.ts";
-import { nameAndUnit } from "../ui/words.ts";
-import { Slider } from "./slider.ts";
+import type { Holding } from "../safety/holding.ts";
+import { choice, div, h, newId } from "../ui/dom.ts";
+import { nameAndUnit, spaced } from "../ui/words.ts";
+import { holdButton, Slider } from "./controls.ts";
 
-export type SetParameter = (controllet: string, name: string, value: number | number[] | string) => Promise<Answer>;
+type Value = number | number[] | string;
+/** What is chosen and not set yet, by controllet and parameter. */
+export type Drafts = Map<string, number[] | string>;
 
-export function parameterList(controllet: ControlletInfo, set: SetParameter): HTMLElement {
+export interface ParameterSetter {
+  set(name: string, value: Value): Promise<Answer>;
+  holding: Holding;
+  drafts: Drafts;
+}
+
+export function parameterList(controllet: ControlletInfo, setter: ParameterSetter): HTMLElement {
   const list = h("div", { class: "parameters" });
-  for (const parameter of controllet.parameters) list.append(field(controllet, parameter, set));
+  for (const parameter of controllet.parameters) list.append(field(controllet.name, parameter, setter));
   if (controllet.parameters.length === 0) list.append(h("p", { class: "hint" }, "It has no parameters."));
   return list;
 }
 
-function field(controllet: ControlletInfo, parameter: ParameterInfo, set: SetParameter): HTMLElement {
-  if (parameter.choices) return choice(controllet, parameter, parameter.choices, set);
+function field(controllet: string, parameter: ParameterInfo, setter: ParameterSetter): HTMLElement {
+  const { name, moves } = parameter;
+  const key = `${controllet}.${name}`;
+  const draft = setter.drafts.get(key);
+  // What may move an arm is chosen first, and set while a button is held.
+  const held = (value: () => Value, set: (value: Value) => Promise<Answer>) =>
+    moves
+      ? holdButton(
+          setter.holding,
+          "Set while held",
+          async () => {
+            const answer = await set(value());
+            if (answer.ok) setter.drafts.delete(key);
+            return answer;
+          },
+          { "aria-label": `Set ${spaced(name)} of ${controllet} while held` },
+        )
+      : null;
+  if (parameter.choices) {
+    const id = newId("choice");
+    let current = String(parameter.value);
+    const set = async (value: Value) => {
+      const answer = await setter.set(name, value);
+      if (answer.ok) current = String(value);
+      else if (!moves) select.value = current;
+      return answer;
+    };
+    const chosen = (value: string) => void (moves ? setter.drafts.set(key, value) : set(value));
+    const select = choice(parameter.choices, String(draft ?? current), chosen, { id });
+    const label = h("label", { for: id, title: parameter.doc }, labelOf(parameter));
+    return div(
+      "field",
+      label,
+      select,
+      held(() => select.value, set),
+    );
+  }
   const values = Array.isArray(parameter.value) ? [...parameter.value] : [Number(parameter.value)];
   const bounds = boundsFor(parameter, values);
+  if (Array.isArray(draft)) values.splice(0, values.length, ...draft);
+  const all = () => (values.length > 1 ? [...values] : values[0]!);
   const label = labelOf(parameter);
   const sliders = values.map(
     (value, k) =>
@@ -29,7 +75,8 @@ function field(controllet: ControlletInfo, parameter: ParameterInfo, set: SetPar
         change: (changed) => {
           const before = values[k]!;
           values[k] = changed;
-          void set(controllet.name, parameter.name, values.length > 1 ? [...values] : changed).then((answer) => {
+          if (moves) return void setter.drafts.set(key, [...values]);
+          void setter.set(name, all()).then((answer) => {
             if (answer.ok) return;
             values[k] = before;
             sliders[k]!.follow(before);
@@ -37,42 +84,21 @@ function field(controllet: ControlletInfo, parameter: ParameterInfo, set: SetPar
         },
       }),
   );
-  if (sliders.length === 1) return sliders[0]!.element;
+  const button = held(all, (value) => setter.set(name, value));
+  if (sliders.length === 1) return button ? div("", sliders[0]!.element, button) : sliders[0]!.element;
   // Vectors are folded: most of the time all their components are left as they are.
+  const head = `${label}${parameter.unit ? ` [${parameter.unit}]` : ""} `;
+  const shown = h("summary", { title: parameter.doc }, head, h("span", { class: "number hint" }, summary(values)));
   return h(
     "details",
-    { class: "vector" },
-    h(
-      "summary",
-      { title: parameter.doc },
-      `${label}${parameter.unit ? ` [${parameter.unit}]` : ""} `,
-      h("span", { class: "number hint" }, summary(values)),
-    ),
+    { class: "vector", open: draft !== undefined },
+    shown,
     ...sliders.map((slider) => slider.element),
+    button ?? "",
   );
 }
 
-function choice(
-  controllet: ControlletInfo,
-  parameter: ParameterInfo,
-  choices: string[],
-  set: SetParameter,
-): HTMLElement {
-  const id = newId("choice");
-  const select = h("select", { id });
-  for (const name of choices) select.append(h("option", { value: name }, name));
-  let current = String(parameter.value);
-  select.value = current;
-  select.addEventListener("change", () => {
-    void set(controllet.name, parameter.name, select.value).then((answer) => {
-      if (answer.ok) current = select.value;
-      else select.value = current;
-    });
-  });
-  return h("div", { class: "field" }, h("label", { for: id, title: parameter.doc }, labelOf(parameter)), select);
-}
-
-// The unit stands behind the name anyway, so the name goes without it.
+// The unit follows the name, which is shown without it.
 const labelOf = (parameter: ParameterInfo): string => nameAndUnit(parameter.name).name;
 
 /** A slider needs an end: without one in the descriptor, a few times the present value. */

@@ -1,9 +1,7 @@
 // One live plot: the components of one quantity over the last seconds, with freeze, cursor, CSV and PNG.
 import uPlot from "uplot";
 import { csv, type Columns } from "../model/history.ts";
-import { h } from "../ui/dom.ts";
-import { download, textFile } from "../ui/download.ts";
-import { icon } from "../ui/icons.ts";
+import { button, div, download, h, textFile, icon } from "../ui/dom.ts";
 import type { ThemeSwitch } from "../ui/theme.ts";
 
 export interface PlotSource {
@@ -17,7 +15,7 @@ export interface PlotSource {
 
 export class Plot {
   readonly element: HTMLElement;
-  private readonly body = h("div", { class: "plot-body" });
+  private readonly body = div("plot-body");
   private readonly freezeButton: HTMLButtonElement;
   private chart: uPlot | undefined;
   private frozen = false;
@@ -33,12 +31,7 @@ export class Plot {
     const title = source.name;
     this.freezeButton = this.button("Freeze", `Freeze the plot of ${title}`, () => this.freeze(!this.frozen));
     this.freezeButton.setAttribute("aria-pressed", "false");
-    const close = h(
-      "button",
-      { type: "button", class: "quiet icon-only", "aria-label": `Remove the plot of ${title}` },
-      icon("close", 12),
-    );
-    close.addEventListener("click", () => this.remove(this));
+    const close = { class: "quiet icon-only", "aria-label": `Remove the plot of ${title}` };
     this.element = h(
       "figure",
       { class: "plot", "aria-label": `Plot of ${title}` },
@@ -49,7 +42,7 @@ export class Plot {
         this.freezeButton,
         this.button("CSV", `Save the plot of ${title} as CSV`, () => this.saveCsv()),
         this.button("PNG", `Save the plot of ${title} as PNG`, () => this.savePng()),
-        close,
+        button(icon("close", 12), () => this.remove(this), close),
       ),
       this.body,
     );
@@ -76,7 +69,7 @@ export class Plot {
   }
 
   private button(text: string, label: string, act: () => void): HTMLButtonElement {
-    return h("button", { type: "button", class: "quiet", "aria-label": label, onclick: act }, text);
+    return button(text, act, { class: "quiet", "aria-label": label });
   }
 
   private freeze(on: boolean): void {
@@ -118,12 +111,8 @@ export class Plot {
   private build(): void {
     this.chart?.destroy();
     const [ink, grid] = [this.theme.color("muted"), this.theme.color("border")];
-    const axis = {
-      stroke: ink,
-      grid: { stroke: grid, width: 1 },
-      ticks: { stroke: grid, width: 1 },
-      font: "11px sans-serif",
-    };
+    const lines = { stroke: grid, width: 1 };
+    const axis = { stroke: ink, grid: lines, ticks: lines, font: "11px sans-serif" };
     const number = (_: uPlot, value: number | null) =>
       value === null || Number.isNaN(value) ? "–" : shortNumber(value);
     this.chart = new uPlot(
@@ -148,7 +137,7 @@ export class Plot {
   }
 }
 
-// Told apart in both themes and by people who see red and green alike.
+// Distinguishable in both themes and for color-blind readers.
 const kSeries = ["#2f86e0", "#e07b1a", "#1f9e77", "#b253d6", "#c2453d", "#8a8f00", "#5b6bd6", "#d0558f"];
 export const seriesColor = (k: number): string => kSeries[k % kSeries.length]!;
 

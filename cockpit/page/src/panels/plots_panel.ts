@@ -1,4 +1,4 @@
-// Plots that the operator has chosen, side by side.
+// Plots chosen by the operator, side by side.
 import type { History } from "../model/history.ts";
 import { h, newId, replaceChildren } from "../ui/dom.ts";
 import type { ThemeSwitch } from "../ui/theme.ts";
@@ -13,7 +13,7 @@ const kMostPlots = 6;
 
 export class PlotsPanel {
   readonly element: HTMLElement;
-  /** How much of the past is shown [s]. */
+  /** Length of the displayed past [s]. */
   seconds = 10;
   private readonly plots: Plot[] = [];
   private readonly row = h("div", { class: "plots" });
@@ -34,13 +34,8 @@ export class PlotsPanel {
     private readonly watched: (names: string[]) => void,
     private readonly refuse: (why: string) => void,
   ) {
-    const form = h(
-      "form",
-      { class: "row", "aria-label": "Add a plot" },
-      this.field,
-      this.names,
-      h("button", { type: "submit" }, "Add plot"),
-    );
+    const submit = h("button", { type: "submit" }, "Add plot");
+    const form = h("form", { class: "row", "aria-label": "Add a plot" }, this.field, this.names, submit);
     form.addEventListener("submit", (event) => {
       event.preventDefault();
       this.add(this.field.value.trim());
@@ -87,7 +82,7 @@ export class PlotsPanel {
   }
 }
 
-/** What the numbers of a quantity are called. */
+/** Names of a quantity's numbers. */
 export function componentNames(name: string, size: number): string[] {
   if (size === 1) return [name.slice(name.lastIndexOf("/") + 1)];
   if (name.endsWith("position_m") && size === 3) return ["x", "y", "z"];

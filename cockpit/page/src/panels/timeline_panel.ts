@@ -1,7 +1,7 @@
-// What happened when: a lane per arm in the colors of its owners, and the events as a list that says the same in words.
+// History of the run: a lane per arm in the colors of its owners, and the events as a text list.
 import type { Session } from "../model/session.ts";
 import { importance, Timeline, type TimelineEvent } from "../model/timeline.ts";
-import { h, replaceChildren } from "../ui/dom.ts";
+import { div, h, replaceChildren } from "../ui/dom.ts";
 import type { ThemeSwitch } from "../ui/theme.ts";
 import { clock, spaced } from "../ui/words.ts";
 
@@ -24,25 +24,10 @@ export class TimelinePanel {
     private readonly session: Session,
     private readonly theme: ThemeSwitch,
   ) {
-    this.element = h(
-      "div",
-      { class: "timeline" },
-      this.canvas,
-      h(
-        "div",
-        { class: "events", role: "region", tabindex: 0, "aria-label": "Events" },
-        h(
-          "table",
-          {},
-          h(
-            "thead",
-            {},
-            h("tr", {}, ...["Time", "Event", "Arm", "What"].map((text) => h("th", { scope: "col" }, text))),
-          ),
-          this.rows,
-        ),
-      ),
-    );
+    const heads = ["Time", "Event", "Arm", "What"].map((text) => h("th", { scope: "col" }, text));
+    const table = h("table", {}, h("thead", {}, h("tr", {}, ...heads)), this.rows);
+    const region = { class: "events", role: "region", tabindex: 0, "aria-label": "Events" };
+    this.element = div("timeline", this.canvas, h("div", region, table));
     session.on("event", (event) => this.add(event));
     session.on("state", (state) => {
       session.scene?.arms.forEach((arm, k) => this.timeline.own(arm.name, state.arms[k]?.controllet ?? "", state.t_s));
@@ -62,19 +47,12 @@ export class TimelinePanel {
 
   private add(event: TimelineEvent): void {
     this.timeline.add(event);
-    // The text begins with the new owner's name: so the lanes show also what was before this page opened.
+    // The text begins with the new owner's name, so that lanes also show the time before this page opened.
     if (event.kind === "controllet") this.timeline.own(event.arm, event.text.split(" ")[0]!, event.t_s);
     if (importance(event.kind) === "plain") return;
-    this.rows.prepend(
-      h(
-        "tr",
-        { class: importance(event.kind) },
-        h("td", { class: "number" }, clock(event.t_s)),
-        h("td", {}, spaced(event.kind)),
-        h("td", {}, event.arm),
-        h("td", {}, event.text),
-      ),
-    );
+    const words = [spaced(event.kind), event.arm, event.text].map((text) => h("td", {}, text));
+    const at = h("td", { class: "number" }, clock(event.t_s));
+    this.rows.prepend(h("tr", { class: importance(event.kind) }, at, ...words));
     while (this.rows.childElementCount > kRows) this.rows.lastElementChild!.remove();
   }
 

@@ -1,11 +1,9 @@
-// The picture with its tools: viewpoints, what is shown, the target to drag, a snapshot.
+// The picture with its tools: viewpoints, visible elements, the target to drag, a snapshot.
 import type { Session } from "../model/session.ts";
 import { kLayerNames, type Layers, type World } from "../scene3d/world.ts";
 import type { TargetGizmo } from "../scene3d/gizmo.ts";
 import { Stage, type Viewpoint } from "../scene3d/stage.ts";
-import { h, setText } from "../ui/dom.ts";
-import { download } from "../ui/download.ts";
-import { icon } from "../ui/icons.ts";
+import { button, check, div, download, h, setText, icon } from "../ui/dom.ts";
 import { fixed } from "../ui/words.ts";
 
 export class ViewPanel {
@@ -17,7 +15,7 @@ export class ViewPanel {
   private readonly near = h("span", { class: "badge warning", hidden: true });
   private readonly limits = h("span", { class: "badge warning", hidden: true });
   private readonly legend = h("span", { class: "badge" });
-  private readonly turn = h("button", { type: "button", "aria-pressed": "false", hidden: true }, "Turn target");
+  private readonly turn = button("Turn target", () => this.turnTarget(), { "aria-pressed": "false", hidden: true });
 
   constructor(private readonly session: Session) {
     const canvas = h("canvas", { "aria-label": "3D view of the scene", role: "img", tabindex: 0 });
@@ -41,13 +39,10 @@ export class ViewPanel {
     setText(this.near, `Parts ${fixed(1000 * nearest, 0)} mm apart`);
     const close = scene.arms.flatMap((arm, k) => {
       const q = state.arms[k]?.q ?? [];
-      const joints = Array.from(q, (value, j) => ({
-        j,
-        margin: Math.min(value - arm.q_min[j]!, arm.q_max[j]! - value),
-      }));
-      return joints
-        .filter(({ margin }) => margin < 0.1)
-        .map(({ j, margin }) => `${arm.name} joint ${j + 1}: ${fixed(margin, 2)} rad to its limit`);
+      const margins = Array.from(q, (value, j) => Math.min(value - arm.q_min_rad[j]!, arm.q_max_rad[j]! - value));
+      return margins.flatMap((margin, j) =>
+        margin < 0.1 ? [`${arm.name} joint ${j + 1}: ${fixed(margin, 2)} rad to its limit`] : [],
+      );
     });
     this.limits.hidden = close.length === 0;
     setText(this.limits, close.slice(0, 3).join(" · "));
@@ -63,40 +58,28 @@ export class ViewPanel {
       ["top", "Top"],
       ["behind", "Behind"],
     ] as [Viewpoint, string][]) {
-      views.append(h("button", { type: "button", onclick: () => this.stage.look(from) }, text));
+      views.append(button(text, () => this.stage.look(from)));
     }
-    const layers = h("div", { class: "menu" });
+    const layers = div("menu");
     for (const [key, text] of Object.entries(kLayerNames) as [keyof Layers, string][]) {
-      const box = h("input", { type: "checkbox", checked: true });
-      box.addEventListener("change", () => {
+      const show = (on: boolean) => {
         if (!this.world) return;
-        this.world.layers[key] = box.checked;
+        this.world.layers[key] = on;
         if (this.session.state) this.world.showAgain(this.session.state);
-      });
-      layers.append(h("label", { class: "check" }, box, text));
+      };
+      layers.append(check(text, show, { checked: true }));
     }
-    layers.append(h("button", { type: "button", onclick: () => this.world?.clearTrails() }, "Clear trajectories"));
-    const snapshot = h(
-      "button",
-      { type: "button", class: "icon-only", "aria-label": "Save a picture" },
-      icon("camera"),
-    );
-    snapshot.addEventListener("click", () =>
-      download(`${this.session.scene?.name ?? "scene"}.png`, this.stage.picture()),
-    );
-    this.turn.addEventListener("click", () => {
-      if (!this.gizmo) return;
-      this.gizmo.mode = this.gizmo.mode === "rotate" ? "translate" : "rotate";
-      this.turn.setAttribute("aria-pressed", String(this.gizmo.mode === "rotate"));
-    });
-    return h(
-      "div",
-      { class: "view-tools" },
-      views,
-      h("details", { class: "drop" }, h("summary", {}, "Show"), layers),
-      snapshot,
-      this.turn,
-    );
+    layers.append(button("Clear trajectories", () => this.world?.clearTrails()));
+    const save = () => download(`${this.session.scene?.name ?? "scene"}.png`, this.stage.picture());
+    const snapshot = button(icon("camera"), save, { class: "icon-only", "aria-label": "Save a picture" });
+    const menu = h("details", { class: "drop" }, h("summary", {}, "Show"), layers);
+    return div("view-tools", views, menu, snapshot, this.turn);
+  }
+
+  private turnTarget(): void {
+    if (!this.gizmo) return;
+    this.gizmo.mode = this.gizmo.mode === "rotate" ? "translate" : "rotate";
+    this.turn.setAttribute("aria-pressed", String(this.gizmo.mode === "rotate"));
   }
 
   // The arrow keys turn the camera, + and - bring it nearer and farther.

@@ -1,21 +1,24 @@
-// The simulation and the record: pause, step, reset; objects placed and pushed; episodes marked.
+// Simulation and recording: pause, step, reset; placing and pushing of objects; marking of episodes.
 import type { Session } from "../model/session.ts";
 import type { Holding } from "../safety/holding.ts";
-import { h, newId, replaceChildren, setText } from "../ui/dom.ts";
-import { icon } from "../ui/icons.ts";
+import { outcome } from "../model/description.ts";
+import { button, choice, div, h, newId, replaceChildren, row, section, setText, icon } from "../ui/dom.ts";
 import { poseAt } from "../model/live.ts";
-import { Slider } from "./slider.ts";
+import { Slider } from "./controls.ts";
 
-// After a step the world looks as if it ran: its time has just moved. [ms]
+// After a step the world looks as if it were running: its time has just moved. [ms]
 const kAfterStep = 500;
 
 export class WorldPanel {
   readonly element = h("div", {});
   private readonly simulation = h("div", {});
-  private readonly pause = h("button", { type: "button" });
+  private readonly pause = button("", () => {
+    this.stepped = -Infinity;
+    void this.session.request("pause", { paused: !this.paused });
+  });
   private readonly episode = h("p", { class: "hint", role: "status" }, "No episode has begun.");
   private readonly controls: HTMLFieldSetElement;
-  private paused = false; // as the button says
+  private paused = false; // as shown by the button
   private stepped = -Infinity; // when
   private object = "";
   private follow: () => void = () => {};
@@ -24,10 +27,6 @@ export class WorldPanel {
     private readonly session: Session,
     private readonly holding: Holding,
   ) {
-    this.pause.addEventListener("click", () => {
-      this.stepped = -Infinity;
-      void session.request("pause", { paused: !this.paused });
-    });
     this.controls = h(
       "fieldset",
       { class: "plain", disabled: true },
@@ -63,23 +62,19 @@ export class WorldPanel {
       );
       return;
     }
-    const step = h("button", { type: "button", "aria-label": "Step 10 ms" }, icon("step"), "10 ms");
-    step.addEventListener("click", () => {
+    const step = () => {
       // Only a paused world steps.
       const note = () => this.paused && (this.stepped = performance.now());
       note();
       void this.session.request("step", { periods: 10 }).then(note);
+    };
+    const steps = button([icon("step"), "10 ms"], step, { "aria-label": "Step 10 ms" });
+    const reset = button([icon("reset"), "Reset"], () => void this.session.request("reset"), {
+      "aria-label": "Reset simulation",
     });
-    const reset = h("button", { type: "button", "aria-label": "Reset simulation" }, icon("reset"), "Reset");
-    reset.addEventListener("click", () => void this.session.request("reset"));
     replaceChildren(
       this.simulation,
-      h(
-        "div",
-        { class: "section" },
-        h("h2", {}, "Simulation"),
-        h("div", { class: "row" }, ...(this.session.commands.has("pause") ? [this.pause, step] : []), reset),
-      ),
+      section("Simulation", row(...(this.session.commands.has("pause") ? [this.pause, steps] : []), reset)),
       this.objects(scene.bodies.filter((body) => body.movable).map((body) => body.name)),
     );
   }
@@ -88,73 +83,55 @@ export class WorldPanel {
     if (names.length === 0) return null;
     this.object = names[0]!;
     const id = newId("object");
-    const select = h("select", { id, class: "fill" });
-    for (const name of names) select.append(h("option", { value: name }, name));
-    const sliders = ["x", "y", "z"].map(
-      (axis) =>
-        new Slider({
-          label: axis,
-          unit: "m",
-          min: axis === "z" ? 0 : -1.2,
-          max: 1.2,
-          step: 0.005,
-          value: 0,
-          stays: true,
-        }),
-    );
+    const span = { unit: "m", max: 1.2, step: 0.005, value: 0, stays: true };
+    const sliders = ["x", "y", "z"].map((label) => new Slider({ label, min: label === "z" ? 0 : -1.2, ...span }));
+    const release = () => sliders.forEach((slider) => slider.release());
     const follow = () => {
       const k = this.session.scene!.bodies.findIndex((body) => body.name === this.object);
       const live = this.session.state && poseAt(this.session.state.bodies, 7 * k).position;
       const at = live && Number.isFinite(live[0]) ? live : this.session.scene!.bodies[k]!.pose.position;
       sliders.forEach((slider, axis) => slider.follow(at[axis]!));
     };
-    select.addEventListener("change", () => {
-      this.object = select.value;
-      for (const slider of sliders) slider.release();
-      follow();
-    });
     this.follow = follow;
-    const place = h("button", { type: "button" }, "Place object");
-    place.addEventListener("click", () => {
-      void this.session.request("place_object", {
-        object: this.object,
-        position_m: sliders.map((slider) => slider.value),
-      });
-      for (const slider of sliders) slider.release();
-    });
-    return h(
-      "div",
-      { class: "section" },
-      h("h2", {}, "Objects"),
-      h("div", { class: "row" }, h("label", { for: id }, "Object"), select),
+    const choose = (name: string) => {
+      this.object = name;
+      release();
+      follow();
+    };
+    const place = () => {
+      const position_m = sliders.map((slider) => slider.value);
+      void this.session.request("place_object", { object: this.object, position_m });
+      release();
+    };
+    return section(
+      "Objects",
+      row(h("label", { for: id }, "Object"), choice(names, this.object, choose, { id, class: "fill" })),
       ...sliders.map((slider) => slider.element),
-      place,
+      button("Place object", place),
       this.push(),
     );
   }
 
-  // An object is pushed while the button is held, like everything that moves.
+  // An object is pushed while the button is held, like every motion.
   private push(): HTMLElement {
     const force = new Slider({ label: "Push", unit: "N", min: 1, max: 30, step: 1, value: 5 });
     const way = (text: string, label: string, direction: number[]) => {
-      const button = h("button", { type: "button", class: "hold", "aria-label": `${label} while held` }, text);
-      this.holding.bindButton(button, label, {
+      const element = button(text, undefined, { class: "hold", "aria-label": `${label} while held` });
+      this.holding.bindButton(element, label, {
         begin: () => (this.session.control.mine ? undefined : "Take control first."),
         step: () => {
           const force_n = direction.map((value) => value * force.value);
           this.session.send({ do: "push_object", object: this.object, force_n });
+          return undefined;
         },
         end: () => {},
       });
-      return button;
+      return element;
     };
-    return h(
-      "div",
-      {},
+    return div(
+      "",
       force.element,
-      h(
-        "div",
-        { class: "row" },
+      row(
         way("along x", "Push along x", [1, 0, 0]),
         way("against x", "Push against x", [-1, 0, 0]),
         way("along y", "Push along y", [0, 1, 0]),
@@ -165,28 +142,14 @@ export class WorldPanel {
   }
 
   private episodes(): HTMLElement {
-    const mark = (text: string, mark: string) => {
-      const button = h("button", { type: "button", "aria-label": `Episode: ${mark}` }, text);
-      button.addEventListener("click", () => {
+    const marked = (text: string, mark: string) => {
+      const ask = () =>
         void this.session.request("episode", { mark }).then((answer) => {
-          setText(this.episode, answer.ok ? `Episode ${answer["episode"]}: ${mark}.` : `Refused: ${answer.reason}`);
+          setText(this.episode, outcome(answer, `Episode ${answer["episode"]}: ${mark}.`));
         });
-      });
-      return button;
+      return button(text, ask, { "aria-label": `Episode: ${mark}` });
     };
-    return h(
-      "div",
-      { class: "section" },
-      h("h2", {}, "Episodes"),
-      h(
-        "div",
-        { class: "row" },
-        mark("Start", "start"),
-        mark("Success", "success"),
-        mark("Failure", "failure"),
-        mark("Discard", "discard"),
-      ),
-      this.episode,
-    );
+    const marks = ["Start", "Success", "Failure", "Discard"].map((text) => marked(text, text.toLowerCase()));
+    return section("Episodes", row(...marks), this.episode);
   }
 }

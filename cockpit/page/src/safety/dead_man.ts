@@ -3,16 +3,16 @@
 // handler that has just read that grip. A page that is hidden, frozen or closed reads nothing, so it tells nothing,
 // and the run holds the arms when the telling stops.
 
-/** One thing that an operator holds. */
+/** A control that an operator holds. */
 export interface Grip {
   readonly name: string;
-  /** Reads the button itself, now. False ends the hold. */
+  /** Reads the button now. False ends the hold. */
   read(): boolean;
   /** Called once when the hold ends, with the cause in words. */
   released(cause: string): void;
 }
 
-/** What the gate tells the run. */
+/** Messages of the gate to the run. */
 export interface GripLine {
   /** The operator holds: sent at once and then every `beat_ms`. */
   beat(): void;
@@ -23,7 +23,7 @@ export interface GripLine {
 export interface DeadManOptions {
   /** Between two beats. The run holds after `timeout_ms` without one. */
   beat_ms: number;
-  /** A gap between two reads of the buttons after which nobody knows whether they are still held. */
+  /** Gap between two reads of the buttons after which they count as released. */
   timeout_ms: number;
 }
 

@@ -1,11 +1,11 @@
-// Binds the dead-man gate to the page: which events press, which ones let go, and the motion that runs meanwhile.
+// Binds the dead-man gate to the page: events that press and release, and the motion in between.
 import { DeadMan, type GripLine } from "./dead_man.ts";
 
-/** What moves while a grip is held. */
+/** The motion while a grip is held. */
 export interface Motion {
-  /** Before the first sample; a sentence if it cannot be done. */
+  /** Before the first sample; returns a sentence if the motion is impossible. */
   begin(): string | undefined;
-  /** One sample, after the run was told that the grip is held; why it cannot go on, if so: that ends the hold. */
+  /** One sample, sent after the beat; returns the reason if the motion must end, which ends the hold. */
   step(seconds: number): string | undefined;
   end(): void;
 }
@@ -15,7 +15,7 @@ export class Holding {
   private readonly motions = new Map<string, Motion>();
   private last = 0;
 
-  /** `refuse` shows why a hold did not begin or has ended otherwise than by letting go. */
+  /** `refuse` shows why a hold did not begin, or ended without a release. */
   constructor(
     line: GripLine,
     private readonly refuse: (why: string) => void,
@@ -26,7 +26,7 @@ export class Holding {
     addEventListener("pagehide", release("the page was left"));
     addEventListener("gamepaddisconnected", release("the gamepad was disconnected"));
     document.addEventListener("freeze", release("the page was frozen"));
-    // While this key is down, macOS tells no release of another one: a key would seem to be held for ever.
+    // While this key is down, macOS reports no release of other keys: they would seem to be held for ever.
     addEventListener("keydown", (event) => event.metaKey && this.letGoAll("the command key was pressed"), {
       capture: true,
     });
@@ -43,7 +43,7 @@ export class Holding {
     return this.gate.holds(name);
   }
 
-  /** Begins a hold; `read` reads the button and is called in every frame. */
+  /** Begins a hold; `read` reads the button in every frame. */
   begin(name: string, read: () => boolean, motion: Motion): boolean {
     if (this.motions.has(name)) this.letGo(name, "pressed again");
     const why = motion.begin();
@@ -77,7 +77,7 @@ export class Holding {
     this.gate.letGoAll(cause);
   }
 
-  /** Called by the handler of every drawn frame: reads the buttons, beats, and lets the motions go on. */
+  /** Called in every drawn frame: reads the buttons, sends beats, and advances the motions. */
   frame(now: number): void {
     const seconds = Math.min(0.1, (now - this.last) / 1000);
     this.last = now;
@@ -88,7 +88,7 @@ export class Holding {
     }
   }
 
-  /** A button that moves something while a pointer, Space or Enter holds it. */
+  /** A button for motion while a pointer, Space or Enter holds it. */
   bindButton(button: HTMLElement, name: string, motion: Motion): void {
     let pointer: number | undefined;
     let key: string | undefined;

@@ -67,12 +67,12 @@ export class TargetGizmo {
     return this.on;
   }
 
-  /** Stays at the hand's set-point while nobody drags it. */
+  /** Stays at the hand's set-point unless dragged. */
   follow(pose: Pose): void {
     if (this.on && !this.dragging && !this.holding.holds("target")) place(this.handle, pose);
   }
 
-  // Ends a drag that goes on in the browser although it does not count any more.
+  // Ends a drag that continues in the browser but is no longer valid.
   private drop(): void {
     this.dragging = false;
     this.stage.controls.enabled = true;

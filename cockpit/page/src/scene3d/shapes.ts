@@ -21,7 +21,7 @@ export interface Shape {
   color: readonly number[];
 }
 
-/** Geometries and materials are shared: four arms need no more of them than one. */
+/** Shared geometries and materials: four arms need no more of them than one. */
 export class ShapeFactory {
   private readonly geometries = new Map<string, BufferGeometry>();
   private readonly materials = new Map<string, MeshStandardMaterial>();

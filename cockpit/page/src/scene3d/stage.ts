@@ -63,7 +63,7 @@ export class Stage {
     return [direction.x, direction.y, direction.z];
   }
 
-  /** What the standard viewpoints show: the middle of the arms and how far they stand apart [m]. */
+  /** View of the standard viewpoints: the middle of the arms and their distance [m]. */
   frameScene(center: readonly number[], reach: number): void {
     this.center = new Vector3(...center);
     this.reach = reach;
@@ -93,7 +93,7 @@ export class Stage {
     this.touch();
   }
 
-  /** Draws once as fine as the screen allows, however slow the computer is: for pictures that are kept. */
+  /** Draws once at full resolution, even on a slow computer: for saved pictures. */
   drawSharply(): void {
     this.sharpness = Math.min(2, devicePixelRatio);
     this.pace = 30;
@@ -102,7 +102,7 @@ export class Stage {
     this.renderer.render(this.scene, this.camera);
   }
 
-  /** The picture as a PNG. Drawn again, because browsers forget what was drawn before. */
+  /** The picture as a PNG. Drawn again, because browsers discard the previous drawing. */
   picture(): string {
     this.drawSharply();
     return this.renderer.domElement.toDataURL("image/png");
@@ -117,7 +117,7 @@ export class Stage {
     this.touch();
   }
 
-  // A computer that is too slow for the picture draws it coarser: what the operator holds is read with the frames.
+  // A computer that is too slow draws coarser pictures, because the buttons are read with the frames.
   private keepPace(step: number): void {
     this.pace += 0.05 * (Math.min(250, step) - this.pace);
     const finest = Math.min(2, devicePixelRatio);

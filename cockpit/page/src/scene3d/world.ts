@@ -14,11 +14,9 @@ import {
   Vector3,
 } from "three";
 import { limitMargin, type LiveState, type SceneInfo } from "../model/live.ts";
-import { Arrow } from "./arrow.ts";
+import { Arrow, TargetFrame, Trail } from "./marks.ts";
 import { place, ShapeFactory } from "./shapes.ts";
 import type { Stage } from "./stage.ts";
-import { TargetFrame } from "./target_frame.ts";
-import { Trail } from "./trail.ts";
 
 export interface Layers {
   forces: boolean;
@@ -89,7 +87,8 @@ export class World {
       this.group.add(group);
     }
     scene.arms.forEach((info, arm) => {
-      const box = info.workspace && new Box3(new Vector3(...info.workspace.min), new Vector3(...info.workspace.max));
+      const { min_m, max_m } = info.workspace ?? {};
+      const box = min_m && max_m && new Box3(new Vector3(...min_m), new Vector3(...max_m));
       const view: ArmView = {
         links: this.bodies.filter((_, k) => scene.bodies[k]!.arm === arm),
         wrench: new Arrow(kForceUnit, 0.45),
@@ -111,7 +110,7 @@ export class World {
     this.group.add(this.near);
     if (pale) this.makePale();
     stage.scene.add(this.group);
-    // Shaders of what is not visible yet, too: compiled at the first force, they would stop the page for a moment.
+    // Also compiles shaders of invisible parts: compiling them at the first force would stall the page.
     stage.renderer.compile(stage.scene, stage.camera);
   }
 
@@ -119,7 +118,7 @@ export class World {
     this.stage.scene.remove(this.group);
   }
 
-  /** Tells the stage where the arms stand, so that its viewpoints show all of them. */
+  /** Passes the positions of the arms to the stage, so that its viewpoints show all of them. */
   frame(): void {
     const bases = this.scene.arms.map((arm) => arm.base.position);
     if (bases.length === 0) return;
@@ -128,7 +127,7 @@ export class World {
       return [Math.min(...values), Math.max(...values)] as const;
     };
     const [x, y] = [span(0), span(1)];
-    // Arms in a row work in front of themselves.
+    // Arms in a row work towards their front.
     const center = [(x[0] + x[1]) / 2 + (x[0] === x[1] ? 0.3 : 0), (y[0] + y[1]) / 2, 0.32];
     const spread = Math.hypot(x[1] - x[0], y[1] - y[0]);
     this.stage.frameScene(center, 1.15 + 0.45 * spread);
@@ -152,7 +151,7 @@ export class World {
     this.stage.touch();
   }
 
-  /** Shows the newest state; a picture that would look the same is not drawn again. */
+  /** Shows the newest state; skips drawing if the picture would not change. */
   show(state: LiveState): void {
     if (!this.differs(state)) return;
     const { bodies } = state;
@@ -168,7 +167,7 @@ export class World {
     this.stage.touch();
   }
 
-  /** What is shown has been chosen otherwise. */
+  /** The visible elements have changed. */
   showAgain(state: LiveState): void {
     this.shown = new Float64Array();
     this.show(state);
@@ -207,7 +206,7 @@ export class World {
     this.alarm(view, this.layers.limits && margin.share < kNearLimit ? margin.joint : -1);
   }
 
-  // The link behind a joint that is near its limit is red.
+  // The link behind a joint near its limit is red.
   private alarm(view: ArmView, joint: number): void {
     const link = joint < 0 ? undefined : view.links[joint + 1];
     const meshes = (link?.children.filter((child) => child instanceof Mesh) ?? []) as Mesh[];
@@ -265,7 +264,7 @@ export class World {
   }
 }
 
-/** How far a point is from the nearest wall of a box [m]; negative outside of it. */
+/** Distance of a point from the nearest wall of a box [m]; negative outside of it. */
 export function wallDistance({ min, max }: Box3, point: readonly number[]): number {
   const [x = NaN, y = NaN, z = NaN] = point;
   return Math.min(x - min.x, max.x - x, y - min.y, max.y - y, z - min.z, max.z - z);

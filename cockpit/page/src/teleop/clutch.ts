@@ -1,5 +1,5 @@
-// A tracked controller leads a hand relative to where both were when the clutch was closed, scaled and turned from the
-// room of the operator into the world of the arms.
+// A tracked controller moves a hand relative to both poses when the clutch was closed, scaled and rotated
+// from the operator's room into the world.
 import {
   add,
   conjugate,

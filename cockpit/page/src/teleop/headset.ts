@@ -6,7 +6,7 @@ import { Clutch, type WorkspaceMapping } from "./clutch.ts";
 import type { Pose } from "./vectors.ts";
 
 export interface HeadsetHooks {
-  /** A motion after a goal; `begun` hears where the hand's target was. */
+  /** A motion towards a goal; `begun` gets the initial target of the hand. */
   motion(hand: 0 | 1, goal: () => Pose | undefined, begun: (target: Pose) => void): Motion;
   stop(): void;
   ended(): void;
@@ -82,13 +82,13 @@ export class Headset {
       const held = buttons[kSqueeze]?.pressed ?? false;
       const space6 = source.gripSpace ?? source.targetRaySpace;
       const pose = frame.getPose(space6, space);
-      // A controller that is not tracked any more is let go: nobody knows where it is.
+      // A controller without tracking is released, because its pose is unknown.
       this.poses[hand] = pose && !pose.emulatedPosition ? poseOf(pose.transform) : undefined;
       const pressed = held && !this.squeezed[hand];
       this.squeezed[hand] = held;
       if (pressed && this.poses[hand]) this.close(hand);
     }
-    // A controller that is not reported, or does not lead any more, holds nothing.
+    // A controller that is not reported, or no longer used, holds nothing.
     for (const hand of [0, 1] as const) if (!seen[hand]) this.squeezed[hand] = false;
     if (stop && !this.wasStop) this.hooks.stop();
     this.wasStop = stop;

@@ -1,5 +1,5 @@
-// From what an operator's device says (a twist between -1 and 1) to a moving target of one hand: axes, speed limit,
-// force limit, and the lead that the target may have on the hand.
+// Converts an operator's deflection (a twist between -1 and 1) to a moving target of one hand: axes, speed
+// limit, force limit, and the lead of the target over the hand.
 import {
   add,
   conjugate,
@@ -29,9 +29,9 @@ export type JogAxes = "camera" | "base" | "hand";
 export interface JogLimits {
   speed_m_per_s: number;
   turn_rad_per_s: number;
-  /** Above it the target does not press further [N]. */
+  /** Above this force the target does not press further [N]. */
   force_n: number;
-  /** How far the target may be ahead of the hand. */
+  /** Largest distance of the target ahead of the hand. */
   lead_m: number;
   lead_rad: number;
 }
@@ -69,7 +69,7 @@ export function forceLimited(velocity: Vector3, force: Vector3, limit: number): 
   return subtract(velocity, scale(direction, into * share));
 }
 
-/** The target after `dt` seconds. `hand` is where the hand is, `force` what it exerts, both in the world's axes. */
+/** The target after `dt` seconds. `hand` is the hand's pose, `force` the one that it exerts, both in world axes. */
 export function jogged(
   target: Pose,
   deflection: Deflection,
@@ -89,7 +89,7 @@ export function jogged(
   return withinLead(moved, hand, limits);
 }
 
-/** Keeps a target near the hand, so that a hand that is held back does not wind up a long way. */
+/** Keeps a target near the hand, so that a blocked hand accumulates no long path. */
 export function withinLead(target: Pose, hand: Pose, limits: JogLimits): Pose {
   const ahead = limited(subtract(target.position, hand.position), limits.lead_m);
   const turn = logarithm(multiply(target.quaternion, conjugate(hand.quaternion)));
@@ -110,7 +110,7 @@ export function towards(target: Pose, goal: Pose, dt: number, limits: JogLimits)
   };
 }
 
-/** Joints on their way to `goal`, each within `speed` and no more than `lead` ahead of where it is. */
+/** Joints moving to `goal`, each within `speed` and at most `lead` ahead of its position. */
 export function jointsTowards(
   target: readonly number[],
   goal: readonly number[],

@@ -1,4 +1,5 @@
-// Jogging with keys: while one is down, the hand moves. Keys count by their place, so other layouts work as well.
+// Jogging with keys: the hand moves while one is down. Keys are identified by position, so that other layouts
+// work as well.
 import type { Holding, Motion } from "../safety/holding.ts";
 import type { Deflection } from "./jog.ts";
 
@@ -20,7 +21,7 @@ const kKeys: Record<string, readonly [number, number]> = {
 
 export const kKeyHelp = "W S away and back, A D left and right, R F up and down; Q E turn, I K pitch, J L roll";
 
-/** The deflection of all keys that are down. */
+/** The deflection of all pressed keys. */
 export function deflectionOf(down: Iterable<string>): Deflection {
   const sum = [0, 0, 0, 0, 0, 0];
   for (const code of down) {

@@ -1,11 +1,11 @@
-// Motions that run while something is held: each sends one sample of a stream per drawn frame.
+// Motions while a control is held: each sends one sample of a stream per drawn frame.
 import { poseAt, type ArmInfo, type ArmState } from "../model/live.ts";
 import type { Session } from "../model/session.ts";
 import type { Motion } from "../safety/holding.ts";
 import { axesRotation, jogged, jointsTowards, towards, type Deflection, type JogAxes, type JogLimits } from "./jog.ts";
 import { kIdentity, kZero, type Pose, type Vector3 } from "./vectors.ts";
 
-/** What the operator has set for all devices. */
+/** The operator's settings for all devices. */
 export interface JogSettings extends JogLimits {
   axes: JogAxes;
   joint_rad_per_s: number;
@@ -21,7 +21,7 @@ export const kDefaultJog: JogSettings = {
   joint_rad_per_s: 0.3,
 };
 
-const kOldest = 500; // [ms] of a state that somebody may move by
+const kOldest = 500; // oldest state for motion [ms]
 
 interface Addressed {
   arm: ArmInfo;
@@ -30,13 +30,13 @@ interface Addressed {
   input: string;
 }
 
-/** The arm and the input that a motion goes to, or why there is none. */
+/** The arm and the input of a motion, or why there is none. */
 export function address(session: Session, arm: string, quantity: "pose" | "joints" | "wrench"): Addressed | string {
   const { scene, state } = session;
   const index = session.armIndex(arm);
   if (!scene || !state || index < 0) return "There is no state of the arm yet.";
   if (!session.control.mine) return "Take control first: only one page moves the arms.";
-  if (performance.now() - session.arrived > kOldest) return "The newest state is too old to move by.";
+  if (performance.now() - session.arrived > kOldest) return "The newest state is too old for motion.";
   const one = state.arms[index]!;
   if (one.stopped) return `${arm} is stopped. Resume it first.`;
   const found = session.inputFor(arm, quantity);
@@ -51,51 +51,71 @@ export function address(session: Session, arm: string, quantity: "pose" | "joint
   return { arm: scene.arms[index]!, state: one, controllet: found.controllet.name, input: found.input.name };
 }
 
-interface Destination {
-  controllet: string;
-  input: string;
-}
-
-/** Why a motion that began with `to` cannot go on: its arm has another owner, or another arm was chosen. */
-function elsewhere(to: Destination | undefined, { arm, controllet, input }: Addressed): string | undefined {
-  if (to?.controllet === controllet && to.input === input) return undefined;
-  return `'${controllet}' leads ${arm.name} now`;
-}
-
-/** Leads one hand: by the deflection of a device, or after a goal that moves. */
-export class PoseMotion implements Motion {
-  private target: Pose | undefined;
-  private to: Destination | undefined;
+/** A motion of one arm: its stream stays with its input, or ends. */
+abstract class ArmMotion implements Motion {
+  private to: { controllet: string; input: string } | undefined;
 
   constructor(
-    private readonly session: Session,
+    protected readonly session: Session,
     private readonly arm: () => string,
-    private readonly settings: () => JogSettings,
-    private readonly view: () => Vector3,
-    private readonly source: { deflection(): Deflection } | { goal(): Pose | undefined },
-    private readonly hooks: { begun?: (target: Pose) => void; ended?: () => void } = {},
+    private readonly quantity: "pose" | "joints" | "wrench",
   ) {}
 
   begin(): string | undefined {
-    const found = address(this.session, this.arm(), "pose");
+    const found = address(this.session, this.arm(), this.quantity);
     if (typeof found === "string") return found;
     this.to = { controllet: found.controllet, input: found.input };
     const set = this.session.reference(found.controllet, found.input);
-    this.target = set && Number.isFinite(set[0]!) ? poseAt(set) : found.state.hand;
-    this.hooks.begun?.(this.target);
+    this.begun(found, set && Number.isFinite(set[0]!) ? set : undefined);
     return undefined;
   }
 
   step(seconds: number): string | undefined {
-    const found = address(this.session, this.arm(), "pose");
+    const found = address(this.session, this.arm(), this.quantity);
     if (typeof found === "string") return found;
-    const other = elsewhere(this.to, found);
-    if (!this.target || !this.to || other) return other;
+    // Another owner or arm was chosen.
+    if (this.to?.controllet !== found.controllet || this.to.input !== found.input)
+      return `'${found.controllet}' leads ${found.arm.name} now`;
+    this.session.send({ do: "reference", stream: true, ...this.to, ...this.sample(found, seconds) });
+    return undefined;
+  }
+
+  end(): void {
+    this.to = undefined;
+  }
+
+  /** `set`: the set-point so far. */
+  protected begun(_found: Addressed, _set: ArrayLike<number> | undefined): void {}
+  protected abstract sample(found: Addressed, seconds: number): Record<string, unknown>;
+}
+
+export type PoseSource = { deflection(): Deflection } | { goal(): Pose | undefined };
+
+/** Moves one hand: by the deflection of a device, or towards a moving goal. */
+export class PoseMotion extends ArmMotion {
+  private target: Pose = { position: kZero, quaternion: kIdentity };
+
+  constructor(
+    session: Session,
+    arm: () => string,
+    private readonly settings: () => JogSettings,
+    private readonly view: () => Vector3,
+    private readonly source: PoseSource,
+    private readonly tell: (target: Pose) => void = () => {},
+  ) {
+    super(session, arm, "pose");
+  }
+
+  protected override begun({ state }: Addressed, set: ArrayLike<number> | undefined): void {
+    this.target = set ? poseAt(set) : state.hand;
+    this.tell(this.target);
+  }
+
+  protected sample({ arm, state, controllet }: Addressed, seconds: number): Record<string, unknown> {
     const settings = this.settings();
-    const { arm, state } = found;
     const force = Array.from(state.wrench ?? kZero).slice(0, 3) as unknown as Vector3;
-    // A common pose of several hands is not where one of them is: it leads nothing but itself.
-    const own = this.session.controllet(this.to.controllet)?.arms.length === 1;
+    // A common pose of several hands differs from each hand's: it only moves itself.
+    const own = this.session.controllet(controllet)?.arms.length === 1;
     const led = own ? state.hand : this.target;
     if ("deflection" in this.source) {
       const axes = axesRotation(settings.axes, this.view(), arm.base.quaternion, state.hand.quaternion);
@@ -107,88 +127,51 @@ export class PoseMotion implements Motion {
         this.target = jogged(this.target, way, kIdentity, seconds, led, force, settings);
       }
     }
-    this.session.send({
-      do: "reference",
-      stream: true,
-      ...this.to,
-      position_m: this.target.position,
-      quaternion_wxyz: this.target.quaternion,
-    });
-    return undefined;
-  }
-
-  end(): void {
-    this.target = this.to = undefined;
-    this.hooks.ended?.();
+    return { position_m: this.target.position, quaternion_wxyz: this.target.quaternion };
   }
 }
 
-/** Leads the joints of one arm to the positions of the sliders. */
-export class JointMotion implements Motion {
+/** Moves the joints of one arm to the positions of the sliders. */
+export class JointMotion extends ArmMotion {
   private target: number[] = [];
-  private to: Destination | undefined;
 
   constructor(
-    private readonly session: Session,
-    private readonly arm: () => string,
+    session: Session,
+    arm: () => string,
     private readonly settings: () => JogSettings,
     private readonly goal: () => readonly number[],
     private readonly ended: () => void = () => {},
-  ) {}
-
-  begin(): string | undefined {
-    const found = address(this.session, this.arm(), "joints");
-    if (typeof found === "string") return found;
-    this.to = { controllet: found.controllet, input: found.input };
-    const set = this.session.reference(found.controllet, found.input);
-    this.target = Array.from(set && Number.isFinite(set[0]!) ? set : found.state.q).slice(0, found.arm.joints);
-    return undefined;
+  ) {
+    super(session, arm, "joints");
   }
 
-  step(seconds: number): string | undefined {
-    const found = address(this.session, this.arm(), "joints");
-    if (typeof found === "string") return found;
-    const other = elsewhere(this.to, found);
-    if (other) return other;
+  protected override begun({ arm, state }: Addressed, set: ArrayLike<number> | undefined): void {
+    this.target = Array.from(set ?? state.q).slice(0, arm.joints);
+  }
+
+  protected sample({ state }: Addressed, seconds: number): Record<string, unknown> {
     const { joint_rad_per_s, lead_rad } = this.settings();
-    this.target = jointsTowards(this.target, this.goal(), found.state.q, seconds, joint_rad_per_s, lead_rad);
-    this.session.send({ do: "reference", stream: true, ...this.to, q_rad: this.target });
-    return undefined;
+    this.target = jointsTowards(this.target, this.goal(), state.q, seconds, joint_rad_per_s, lead_rad);
+    return { q_rad: this.target };
   }
 
-  end(): void {
-    this.to = undefined;
+  override end(): void {
+    super.end();
     this.ended();
   }
 }
 
-/** Presses with a wrench while it is held; when it is let go, the run ends the stream. */
-export class WrenchMotion implements Motion {
-  private to: Destination | undefined;
-
+/** Presses with a wrench while held; on release the run ends the stream. */
+export class WrenchMotion extends ArmMotion {
   constructor(
-    private readonly session: Session,
-    private readonly arm: () => string,
+    session: Session,
+    arm: () => string,
     private readonly wrench: () => { force_n: number[]; torque_nm: number[] },
-  ) {}
-
-  begin(): string | undefined {
-    const found = address(this.session, this.arm(), "wrench");
-    if (typeof found === "string") return found;
-    this.to = { controllet: found.controllet, input: found.input };
-    return undefined;
+  ) {
+    super(session, arm, "wrench");
   }
 
-  step(): string | undefined {
-    const found = address(this.session, this.arm(), "wrench");
-    if (typeof found === "string") return found;
-    const other = elsewhere(this.to, found);
-    if (other) return other;
-    this.session.send({ do: "reference", stream: true, ...this.to, ...this.wrench() });
-    return undefined;
-  }
-
-  end(): void {
-    this.to = undefined;
+  protected sample(): Record<string, unknown> {
+    return this.wrench();
   }
 }

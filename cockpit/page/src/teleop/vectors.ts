@@ -65,14 +65,3 @@ export function logarithm(q: Quaternion): Vector3 {
   const s = norm(u);
   return scale(u, s > 1e-9 ? (2 * Math.atan2(s, q[0] * sign)) / s : 2);
 }
-
-/** Roll, pitch, yaw about fixed x, y, z, as in the scene files: R = Rz(yaw) Ry(pitch) Rx(roll). */
-export function rollPitchYaw(q: Quaternion): Vector3 {
-  const [w, x, y, z] = q;
-  const sine = Math.max(-1, Math.min(1, 2 * (w * y - z * x)));
-  return [
-    Math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-    Math.asin(sine),
-    Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-  ];
-}

@@ -1,5 +1,5 @@
-// Tabs as the ARIA practices describe them: arrow keys move among them, the panel is named by its tab.
-import { h, newId } from "./dom.ts";
+// Tabs according to the ARIA practices: arrow keys move between them, the panel is labeled by its tab.
+import { button, h, newId } from "./dom.ts";
 
 export interface Tab {
   title: string;
@@ -19,11 +19,10 @@ export class Tabs {
   ) {
     this.list = h("div", { class: "tabs", role: "tablist", "aria-label": label, onkeydown: this.onKey });
     tabs.forEach(({ title, panel }, k) => {
-      const [button, id] = [newId("tab"), newId("panel")];
-      const tab = h("button", { type: "button", role: "tab", id: button, "aria-controls": id }, title);
-      tab.addEventListener("click", () => this.show(k));
+      const [name, id] = [newId("tab"), newId("panel")];
+      const tab = button(title, () => this.show(k), { role: "tab", id: name, "aria-controls": id });
       Object.assign(panel, { id, role: "tabpanel", tabIndex: 0 });
-      panel.setAttribute("aria-labelledby", button);
+      panel.setAttribute("aria-labelledby", name);
       panel.classList.add("tab-panel");
       this.buttons.push(tab);
       this.list.append(tab);

@@ -1,4 +1,4 @@
-// Light or dark: as the system says, until the operator chooses. The choice stays in this browser.
+// Light or dark: the system's setting until the operator chooses. The choice is stored in this browser.
 
 export type Theme = "light" | "dark";
 const kKey = "multipanda.theme";
@@ -24,7 +24,7 @@ export class ThemeSwitch extends EventTarget {
     try {
       localStorage.setItem(kKey, this.chosen);
     } catch {
-      // Private windows may refuse to store; the choice then lasts as long as the page.
+      // Private windows may refuse to store; the choice then lasts until the page is closed.
     }
     this.apply();
   }

@@ -1,6 +1,5 @@
 // Short messages: what was refused and why, what was done. Screen readers read them out.
-import { h } from "./dom.ts";
-import { icon } from "./icons.ts";
+import { button, h, icon } from "./dom.ts";
 
 export type Tone = "info" | "good" | "bad";
 
@@ -12,9 +11,9 @@ export class Toasts {
 
   show(text: string, tone: Tone = "info"): void {
     const toast = h("div", { class: `toast ${tone}` }, h("p", {}, text));
-    const close = h("button", { type: "button", class: "quiet icon-only", "aria-label": "Dismiss" }, icon("close", 12));
-    close.addEventListener("click", () => toast.remove());
-    toast.append(close);
+    toast.append(
+      button(icon("close", 12), () => toast.remove(), { class: "quiet icon-only", "aria-label": "Dismiss" }),
+    );
     for (const old of [...this.element.children]) if (old.firstChild?.textContent === text) old.remove();
     this.element.append(toast);
     while (this.element.children.length > kMost) this.element.firstElementChild!.remove();

@@ -1,6 +1,6 @@
-// Names and numbers as people read them.
+// Names and numbers for display.
 
-// Units that names of parameters and quantities end in, as CONVENTIONS.md asks for outside of C++.
+// Unit suffixes of parameters and quantities, as in CONVENTIONS.md.
 const kUnits: [string, string][] = [
   ["_n_per_m_per_s", "N/(m/s)"],
   ["_nm_per_rad_per_s", "N m s/rad"],
@@ -38,7 +38,7 @@ export function nameAndUnit(name: string): { name: string; unit: string } {
 
 export const spaced = (name: string): string => name.replaceAll("_", " ");
 
-/** With a sign only where it is negative, and always the same width. */
+/** With a sign only if negative, and a constant width. */
 export function fixed(value: number | undefined, digits: number): string {
   if (value === undefined || !Number.isFinite(value)) return "–";
   const text = value.toFixed(digits);

@@ -1,8 +1,9 @@
-// Binary messages of the run: numbers in the order that the hello has declared. What does not fit is refused whole.
+// Binary messages of the run: numbers in the order declared in the hello. Inconsistent messages are refused
+// as a whole.
 
 export type FieldList = readonly (readonly [string, number])[];
 
-/** Where each quantity is in a row of numbers. */
+/** Positions of quantities in a row of numbers. */
 export class Layout {
   private readonly fields = new Map<string, readonly [number, number]>();
   readonly total: number;
@@ -22,7 +23,7 @@ export class Layout {
     return field && numbers.subarray(field[0], field[0] + field[1]);
   }
 
-  /** A single number; not a number if the run does not send it. */
+  /** A single number; NaN if the run does not send it. */
   one(numbers: Float64Array, name: string): number {
     const field = this.fields.get(name);
     return field ? numbers[field[0]]! : NaN;
@@ -45,7 +46,7 @@ export interface Rows<Kind> {
 
 const kHead = 16;
 
-/** Decodes one message; undefined if it is cut or of an unknown kind. */
+/** Decodes one message; undefined if it is truncated or of an unknown kind. */
 export function decode(data: ArrayBuffer): BinaryMessage | undefined {
   if (data.byteLength < kHead) return undefined;
   const view = new DataView(data);

@@ -1,4 +1,4 @@
-// The WebSocket: the token first, requests and their answers by number, and again when it breaks.
+// The WebSocket: the token first, requests and their answers by number, and reconnection.
 import type { Answer } from "../model/description.ts";
 
 export interface ConnectionHooks {
@@ -6,9 +6,9 @@ export interface ConnectionHooks {
   text(message: Record<string, unknown>): void;
   binary(data: ArrayBuffer): void;
   opened(answer: Answer): void;
-  /** `again`: it will be tried again. */
+  /** `again`: it will be retried. */
   closed(why: string, again: boolean): void;
-  /** The other end sends unasked, so its silence means that it is gone. */
+  /** The other end sends unsolicited messages, so silence means that it has gone. */
   isTalking(): boolean;
 }
 
@@ -17,11 +17,11 @@ const kLostAnswer: Answer = {
   verdict: "connection_lost",
   reason: "The connection broke before the answer.",
 };
-const kSoonest = 300; // [ms] until the next try
+const kSoonest = 300; // delay until the next attempt [ms]
 const kLatest = 5000;
 const kSilence = 8000; // [ms] without any message, after which the other end counts as gone
 
-/** What the server's close codes mean to a person. */
+/** Explanations of the server's close codes. */
 export function closeText(code: number, reason: string): { why: string; again: boolean } {
   if (code === 4401)
     return { why: "The token in the address is wrong. Open the address that the program printed.", again: false };
@@ -73,7 +73,7 @@ export class Connection {
         performance.now() - this.heard > kSilence &&
         (socket.readyState !== WebSocket.OPEN || hooks.isTalking())
       ) {
-        // Nobody answers the closing either, and the browser would wait for that for a long time.
+        // The closing is not answered either, and the browser would wait long for it.
         clearInterval(watch);
         socket.close();
         this.closed(1006, "");
@@ -81,7 +81,7 @@ export class Connection {
     }, 1000);
   }
 
-  /** Tries again at once if the connection is broken: something is urgent. */
+  /** Retries at once if the connection is broken: for urgent messages. */
   hurry(): void {
     if (this.next === undefined) return;
     clearTimeout(this.next);
@@ -102,7 +102,7 @@ export class Connection {
     });
   }
 
-  /** Without an answer. What cannot be sent at once is worth nothing later. */
+  /** Without an answer. Dropped if it cannot be sent at once. */
   send(message: Record<string, unknown>): void {
     if (this.isOpen) this.socket!.send(JSON.stringify(message));
   }

@@ -1,4 +1,4 @@
-// What the run says at the beginning, and the scene made of it.
+// The run's first message, and the scene built from it.
 import type { ControlletInfo } from "../model/description.ts";
 import type { SceneInfo } from "../model/live.ts";
 import type { Shape } from "../scene3d/shapes.ts";
@@ -6,25 +6,27 @@ import type { Pose, Quaternion, Vector3 } from "../teleop/vectors.ts";
 import type { FieldList } from "./binary.ts";
 
 interface WirePose {
-  position_m: number[];
-  quaternion_wxyz: number[];
+  position_m: Vector3;
+  quaternion_wxyz: Quaternion;
 }
 
-interface WireArm {
+export interface WireArm {
   name: string;
   model: string;
   title?: string;
+  /** "simulated", "virtual" or "real". */
   kind: string;
   joints: number;
-  base_position_m: number[];
-  base_quaternion_wxyz: number[];
+  base_position_m: Vector3;
+  base_quaternion_wxyz: Quaternion;
   q_min_rad: number[];
   q_max_rad: number[];
   dq_max_rad_per_s: number[];
   tau_max_nm: number[];
   gripper?: unknown;
   vacuum?: unknown;
-  workspace?: { min_m: number[]; max_m: number[] } | null;
+  /** Box that the hand must not leave, in the world. */
+  workspace?: { min_m: Vector3; max_m: Vector3 } | null;
 }
 
 interface WireShape extends WirePose {
@@ -86,29 +88,16 @@ export interface WireControl {
 
 export const kWire = 1;
 
-const vector = (v: number[]): Vector3 => [v[0] ?? 0, v[1] ?? 0, v[2] ?? 0];
-const quaternion = (q: number[]): Quaternion => [q[0] ?? 1, q[1] ?? 0, q[2] ?? 0, q[3] ?? 0];
-const pose = (p: WirePose): Pose => ({ position: vector(p.position_m), quaternion: quaternion(p.quaternion_wxyz) });
+const pose = (p: WirePose): Pose => ({ position: p.position_m, quaternion: p.quaternion_wxyz });
 
 export function sceneOf({ scene }: Hello): SceneInfo {
   const index = (arm: number | string | undefined) =>
     typeof arm === "string" ? scene.arms.findIndex((one) => one.name === arm) : arm;
   return {
-    name: scene.name,
-    description: scene.description,
-    simulated: scene.simulated,
+    ...scene,
     arms: scene.arms.map((arm) => ({
-      name: arm.name,
-      model: arm.title || arm.model,
-      kind: arm.kind,
-      joints: arm.joints,
-      base: { position: vector(arm.base_position_m), quaternion: quaternion(arm.base_quaternion_wxyz) },
-      q_min: arm.q_min_rad,
-      q_max: arm.q_max_rad,
-      dq_max: arm.dq_max_rad_per_s,
-      tau_max: arm.tau_max_nm,
-      vacuum: Boolean(arm.vacuum),
-      workspace: arm.workspace ? { min: vector(arm.workspace.min_m), max: vector(arm.workspace.max_m) } : undefined,
+      ...arm,
+      base: { position: arm.base_position_m, quaternion: arm.base_quaternion_wxyz },
     })),
     bodies: scene.bodies.map((body) => {
       const arm = index(body.arm);

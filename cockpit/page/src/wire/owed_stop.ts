@@ -1,7 +1,7 @@
-// A Stop that the run has not confirmed: it is owed, also by the page that is loaded again in the same tab.
+// A Stop not yet confirmed by the run: still owed, even after the page is reloaded in the same tab.
 
 const kKey = "multipanda.owed_stop";
-const kOldest = 30_000; // [ms]; an older one would surprise whoever has resumed meanwhile
+const kOldest = 30_000; // an older one would surprise a person who has resumed meanwhile [ms]
 
 export class OwedStop {
   private pressedAt: number | undefined;
@@ -22,14 +22,14 @@ export class OwedStop {
     return this.pressedAt;
   }
 
-  /** The run has taken the Stop of this press, and with it all before. */
+  /** The run has taken this Stop, and all earlier ones. */
   confirm(pressedAt: number): void {
     if (this.pressedAt === undefined || this.pressedAt > pressedAt) return;
     this.pressedAt = undefined;
     this.write(undefined);
   }
 
-  /** What to do about it now: the press to send again, `too old` (said once), or nothing. */
+  /** What to do now: the press to send again, `too old` (reported once), or nothing. */
   due(): number | "too old" | undefined {
     const pressedAt = this.pressedAt;
     if (pressedAt === undefined || this.now() - pressedAt < kOldest) return pressedAt;
@@ -51,12 +51,12 @@ export class OwedStop {
       if (value === undefined) this.storage?.removeItem(kKey);
       else this.storage?.setItem(kKey, value);
     } catch {
-      // Private windows may refuse to store; it is owed as long as the page lives.
+      // Private windows may refuse to store; it is then owed while the page exists.
     }
   }
 }
 
-/** The tab's own storage, where the browser grants it. */
+/** The tab's own storage, if the browser allows it. */
 export function tabStorage(): Storage | undefined {
   try {
     return sessionStorage;

@@ -1,4 +1,4 @@
-// Ties the connection to the session: news into the model, the page's requests into messages.
+// Connects the WebSocket to the session: news to the model, the page's requests to messages.
 import type { PageLine } from "../app.ts";
 import { Histogram } from "../model/histogram.ts";
 import type { Answer, ControlletInfo } from "../model/description.ts";
@@ -11,7 +11,7 @@ import { OwedStop, tabStorage } from "./owed_stop.ts";
 import { StateReader, type SlowState } from "./state_reader.ts";
 
 const kRate = 60; // [Hz] of states
-const kLateAnswer = 500; // [ms] after which an operator is told that a stop is not answered
+const kLateAnswer = 500; // time after which an operator is told that a stop is not answered [ms]
 const kOwnStop = "Use the arms' own stop.";
 const kWide = 64; // numbers per row that a plot may have at every cycle
 
@@ -26,7 +26,7 @@ export interface LineHooks {
 export class RunLine implements PageLine, RequestSender {
   hello: Hello | undefined;
   reader: StateReader | undefined;
-  /** Milliseconds between the sending of a state and its arrival; of the last states, on the same computer. */
+  /** Milliseconds between sending and arrival of recent states, on the same computer. */
   readonly latencies: number[] = [];
   private readonly connection: Connection;
   private beats = 0;
@@ -48,7 +48,7 @@ export class RunLine implements PageLine, RequestSender {
       text: (message) => this.takeText(message),
       binary: (data) => this.takeBinary(data),
       closed: (why, again) => this.closed(why, again),
-      // A log says nothing unasked, neither does a program between two runs.
+      // A log sends nothing unsolicited, nor does a program between two runs.
       isTalking: () => this.hello?.kind === "run",
     });
     session.connect(this);
@@ -93,7 +93,7 @@ export class RunLine implements PageLine, RequestSender {
           `The stop may not have reached the run. It is sent again if the connection is back within 30 s. ${kOwnStop}`,
         );
       this.owedStop.confirm(pressedAt);
-      if (answer["no_further_run"]) this.hooks.message("Stopped: no further run begins.");
+      if (answer["no_further_run"]) this.hooks.message("Stopped: no further run is started.");
     });
   }
 

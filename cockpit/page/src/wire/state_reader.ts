@@ -1,21 +1,24 @@
-// From the numbers of a state, and the texts that come a few times a second, to what the panels show.
-import type { ArmState, LiveState, Nearness, OutputState, ReferenceState, SceneInfo } from "../model/live.ts";
-import { poseAt } from "../model/live.ts";
+// Converts a state's numbers, and the texts that arrive a few times a second, to the panels' data.
+import {
+  type ArmState,
+  type LiveState,
+  type Nearness,
+  type OutputState,
+  type ReferenceState,
+  type SceneInfo,
+  poseAt,
+} from "../model/live.ts";
 import type { Vector3 } from "../teleop/vectors.ts";
 import { Layout } from "./binary.ts";
 import type { Hello } from "./hello.ts";
 
-/** One arm in the text message `state`. */
+/** One arm in the text message `state`: data that are not numbers. */
 export interface SlowArm {
   arm: string;
-  controllet: string;
-  mode: string;
-  stopped: boolean;
-  error_names: string[];
   reason?: string;
   cures?: { error: string; cure: string }[];
-  interventions: number;
   last_intervention: string;
+  removed_by?: string;
   connection?: { received: number; lost: number; late: number; command_success_rate: number };
   gripper?: { width_m: number; max_width_m: number; grasped: boolean; moving: boolean };
   tracking_unit?: string;
@@ -23,6 +26,7 @@ export interface SlowArm {
 
 export interface SlowState {
   rate_hz?: number;
+  stops?: number;
   paused?: boolean;
   arms: SlowArm[];
 }
@@ -70,6 +74,7 @@ export class StateReader {
       sent_ms: one("sent_ms"),
       since_s: age,
       rate_hz: this.slow.rate_hz ?? NaN,
+      stops: this.slow.stops,
       cycle_us: one("total_us"),
       overruns: one("overruns"),
       paused: this.slow.paused ?? false,
@@ -94,9 +99,9 @@ export class StateReader {
     const orientation = of("quaternion_wxyz") ?? [1, 0, 0, 0];
     const width = one("gripper_width_m");
     return {
-      controllet: names.controllets[one("owner")] ?? slow?.controllet ?? "",
-      mode: names.modes[one("mode")] ?? slow?.mode ?? "unknown",
-      stopped: one("stopped") > 0 || (!Number.isFinite(one("stopped")) && (slow?.stopped ?? false)),
+      controllet: names.controllets[one("owner")] ?? "",
+      mode: names.modes[one("mode")] ?? "unknown",
+      stopped: one("stopped") > 0,
       q: of("q_rad") ?? [],
       dq: of("dq_rad_per_s") ?? [],
       tau_J: of("tau_J_nm") ?? [],
@@ -105,16 +110,18 @@ export class StateReader {
       wrenchAt: known(of("stiffness_frame_m")) ?? position,
       wrench: known(of("wrench_n_nm")),
       contact: known(of("contact_wrench_n_nm")),
-      errors: errorNames(one("errors"), names.errors) ?? slow?.error_names ?? [],
+      errors: errorNames(one("errors"), names.errors) ?? [],
       reason: slow?.reason ?? "",
       cures: slow?.cures ?? [],
       age_s: one("age_s"),
-      interventions: defined(one("interventions")) ?? slow?.interventions ?? 0,
+      interventions: defined(one("interventions")) ?? 0,
+      removedBy: slow?.removed_by ?? names.interventions[one("removed_by")] ?? "",
       lastIntervention: slow?.last_intervention ?? names.interventions[one("last_intervention")] ?? "",
       manipulability: defined(one("manipulability")),
       tracking: defined(one("tracking_error")),
       trackingUnit: slow?.tracking_unit ?? "",
       connection: slow?.connection && { ...slow.connection, success: slow.connection.command_success_rate },
+      quantity: of,
       gripper: slow?.gripper && { ...slow.gripper, ...(Number.isFinite(width) ? { width_m: width } : {}) },
     };
   }

@@ -35,7 +35,7 @@ StateFixture::StateFixture(const std::string& scene_text)
   for (const auto& arm : config_.arms) run_.models.push_back(arm.model);
   run_.context = &context_;
   run_.node = &node_;
-  run_.executor = &executor_;
+  run_.executor = run_.stops = &executor_;
   run_.options = &options_;
   run_.counters = &counters_;
   run_.stamps.simulated = true;

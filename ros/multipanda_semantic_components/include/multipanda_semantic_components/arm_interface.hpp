@@ -8,7 +8,7 @@
 
 namespace multipanda_semantic_components {
 
-// One state interface that carries an arm's address. Pass get_state_interface_names() to the controller's
+// A state interface that carries an arm's address. Pass get_state_interface_names() to the controller's
 // state_interface_configuration(), assign in on_activate, release in on_deactivate.
 class ArmInterface {
  public:
@@ -26,7 +26,7 @@ class ArmInterface {
   void release_interfaces() { interface_ = nullptr; }
 
  protected:
-  // Resolved at each call, since the hardware withdraws its address before it is destroyed.
+  // Resolved at each call, because the hardware withdraws its address before it is destroyed.
   multipanda::ros::ArmView view() const {
     return interface_ == nullptr ? multipanda::ros::ArmView() : behind(*interface_);
   }

@@ -1,0 +1,33 @@
+#pragma once
+
+#include "core/controllets/controllet.hpp"
+
+namespace multipanda {
+
+// What the potential of a feature may drive an arm with, so that none throws an arm that is near an obstacle
+// or a limit when it is switched on, changed, or let go. `tau` (n x 1) is scaled:
+//   - It draws a hand that something holds with spring_force and spring_moment at most, less what features
+//     before it, in arm.tau, draw along it, and with less where the arm is so light that it would have the
+//     speeds below within 5 ms. A carriage is driven with spring_force likewise.
+//   - To that comes as much again as controllet and other features press against it, up to the bounds: else a
+//     law could press an arm into an obstacle.
+//   - It grows by the bounds within 0.1 s at most: a step would meet the limit of torque rates, and still act
+//     when it should have ended.
+//   - By itself tau moves the arm along M^-1 tau; the part of dq along that, in the metric of M, is
+//     beta M^-1 tau. tau falls with beta > 0, to nothing where beta M^-1 tau has the hand at hand_speed or
+//     the joints at 1 rad/s, but no steeper than damping of 200 1/s times the inertia that tau moves, since
+//     it acts some periods late.
+// So it gives no more energy than the potential loses, and takes none of the damping that a feature adds to
+// it. Unchanged where a scene lifts the bounds for contact. Loop thread, no allocation.
+class BoundedDrive {
+ public:
+  JointVector limit(const ControlContext& context, const OwnedArm& arm, const JointVector& tau);
+  // `factor`: of M, lower half. `law`: the torque of the controllet (n x 1); nullptr: unknown.
+  JointVector limit(const ControlContext& context, const OwnedArm& arm, const JointVector& tau,
+                    const JointMatrix& factor, const JointVector* law);
+
+ private:
+  double share_ = 0;  // of the bounds, with which it draws; a start needs no reset, since features fade in
+};
+
+}  // namespace multipanda

@@ -1,1 +1,0 @@
-"""Figures, verdicts and pages of experiments, from the logs of their runs."""

@@ -1,0 +1,91 @@
+#pragma once
+
+#include <future>
+#include <map>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "backends/mujoco/mujoco_backend.hpp"
+#include "core/cycle/control_cycle.hpp"
+#include "python_bindings/saved_world.hpp"
+#include "python_bindings/state_row.hpp"
+#include "runtime/live_input/request_handler.hpp"
+#include "scene/scene.hpp"
+
+namespace multipanda {
+
+// A simulated world of a scene with its control loop, stepped by the caller: the program's own run, to the
+// bit, if it is told the same at the same cycles. One thread at a time.
+class ControlledWorld {
+ public:
+  // `scene` and `registry` outlive it. Call reset() first.
+  ControlledWorld(const Scene& scene, const Registry& registry, const StateRow& layout)
+      : scene_(scene), registry_(registry), layout_(layout) {}
+
+  // Builds everything again and runs the first cycle, so that arms have measured their state.
+  // Throws std::invalid_argument: unknown names, wrong sizes, a scene that cannot be built.
+  void reset(const WorldStart& start);
+
+  // Tells the world something, from the next cycle on: a request as the socket takes it (docs/live_input.md),
+  // to the loop, an arm, a gripper or an object. Throws std::invalid_argument: unknown names, wrong sizes;
+  // RequestRefused: what is known to be refused at once. The rest is decided in the next cycle: refusal().
+  void command(nlohmann::json request);
+
+  // Runs the loop. Throws std::runtime_error: the simulation has failed.
+  void step(std::uint64_t cycles);
+  void refuse(const std::string& what);  // adds to refusal()
+
+  std::uint64_t cycles() const { return cycles_; }  // the first one, of reset(), included
+  void write_state(double* row) const;
+  // What the loop or the backend has refused since reset(), first refusal first; empty if nothing.
+  const std::string& refusal() const { return refusal_; }
+  // Which arms are held, and why; empty if none is.
+  std::string held() const;
+  // The answer to an arm's newest gripper motion; "" while it moves or without one, "done", or why it failed.
+  // A grasp of nothing fails, and is no refusal.
+  std::string gripper_answer(const std::string& arm);
+  std::vector<std::string> active() const;
+
+  SavedWorld save() const;
+  // Computes the saved world again. Throws std::invalid_argument: it is of another scene, or this computer or
+  // program does not compute the same bits.
+  void restore(const SavedWorld& saved);
+
+ private:
+  void build(const WorldStart& start);
+  void execute(const nlohmann::json& request);
+  void take(const Request& asked, const nlohmann::json& request);
+  [[noreturn]] static void refuse_now(const nlohmann::json& request, std::string_view code,
+                                      const std::string& why);
+  void ask(const nlohmann::json& request, std::future<RequestAnswer> answer);
+  void post_waiting();
+  void read_answers();
+  bool held(ArmIndex arm) const { return cycle_->modes().owner(arm) == static_cast<InstanceIndex>(arm); }
+
+  struct Asked {
+    std::string what;
+    std::future<RequestAnswer> answer;
+  };
+
+  const Scene& scene_;
+  const Registry& registry_;
+  const StateRow& layout_;
+  WorldStart start_;
+  std::vector<WorldCommand> commands_;
+  std::unique_ptr<MujocoBackend> backend_;
+  std::unique_ptr<ControlCycle> cycle_;
+  std::unique_ptr<RequestHandler> handler_;
+  mutable std::vector<ModelTerms> terms_;
+  std::vector<Request> waiting_;  // for the next cycle
+  std::uint64_t ticket_ = 0;      // of the last one posted; 0: none is unanswered
+  std::size_t posted_ = 0;
+  std::vector<Asked> asked_;                                 // of the backend
+  std::map<ArmIndex, std::future<RequestAnswer>> grippers_;  // motions
+  std::map<ArmIndex, std::string> gripper_answers_;
+  std::string refusal_;
+  std::uint64_t cycles_ = 0;
+};
+
+}  // namespace multipanda

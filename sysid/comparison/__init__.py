@@ -1,1 +1,0 @@
-"""Pages of comparisons: real against simulated, before against after."""
