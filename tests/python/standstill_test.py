@@ -74,6 +74,11 @@ class Standing:
 
         until(stopped, "the end of every thread's work")
 
+    @property
+    def connections(self):
+        """How many sockets the run's clients have opened, also those that it has not accepted yet."""
+        return pathlib.Path("/proc/net/unix").read_text().count(f" {self.path}\n")
+
     def close(self):
         self.process.send_signal(signal.SIGCONT)
         self.client.close()
@@ -212,12 +217,14 @@ class Standstill(unittest.TestCase):
             clients = self.ask_all(run, q)
             packet = struct.pack("<4sHHIIQq7d", b"MPRS", 1, 7, channel["channel"], 0, 1, 0, *[x + 0.2 for x in q])
             publisher.send(packet)
+            connections = run.connections
             late = subprocess.Popen(
                 [PROGRAM, "ctl", "--socket", str(run.path), "recover", "arm"],
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.PIPE,
                 text=True,
             )
+            until(lambda: run.connections > connections, "the request of a program, which a busy computer begins late")
             time.sleep(seconds)
             for client, _ in clients[2:]:
                 client.close()
