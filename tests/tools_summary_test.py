@@ -66,6 +66,17 @@ class Summary(unittest.TestCase):
             ],
         )
 
+    def test_a_second_try_is_named_and_few_of_them_are_allowed(self):
+        def tried(number):
+            name = f"5/5 Testing: script_{number}\nOutput:\n"
+            return name + "FAILED (failures=1)\nTest Failed.\n" + name + "Ran 2 tests in 1.2s\nTest Passed.\n"
+
+        self.assertEqual(
+            self.summary(tried(1)), (0, ["only at the second try: script_1", "2 passed, 0 failed, 0 skipped"])
+        )
+        code, lines = self.summary("".join(map(tried, range(4))))
+        self.assertEqual((code, lines[-1]), (1, "8 passed, 1 failed, 0 skipped"))
+
     def test_nothing_that_ran_is_no_success(self):
         self.assertEqual(self.summary(""), (1, ["0 passed, 0 failed, 0 skipped"]))
 

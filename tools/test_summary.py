@@ -2,7 +2,8 @@
 """Prints what the tests of a ctest run came to: test_summary.py build/Testing/Temporary/LastTest.log
 
 Counts the cases of GoogleTest programs and of Python's unittest, and any other test as one. Lists what was skipped with
-the reasons; the last line is `N passed, N failed, N skipped`.
+the reasons, and what passed at its second try only: programs and real time share the computer with strangers, but more
+than MOST_SECOND_TRIES of them are a fault. The last line is `N passed, N failed, N skipped`.
 """
 
 import pathlib
@@ -12,6 +13,7 @@ import sys
 # A test in ctest's log: its name, what it printed, and ctest's verdict.
 TEST = re.compile(r"^\d+/\d+ Testing: (\S+)\n(.*?)^Test (Passed|Failed|Skipped|[^\n]*)\.$", re.M | re.S)
 GTEST_SKIP = re.compile(r"^\S+:\d+: Skipped\n(.*?)^\[  SKIPPED \] (\S+)", re.M | re.S)
+MOST_SECOND_TRIES = 3
 RAN = re.compile(r"^\[=+\] (\d+) tests? from .* ran\.|^Ran (\d+) tests? in", re.M)
 
 
@@ -33,15 +35,24 @@ def tally(name, printed, verdict):
 
 
 def main():
-    passed, failed, skipped = 0, 0, []
+    passed, failed, skipped, second = 0, 0, [], []
     log = pathlib.Path(sys.argv[1])
     text = log.read_text(encoding="utf-8", errors="replace") if log.exists() else ""
-    for test in TEST.findall(text):
-        good, bad, reasons = tally(*test)
+    tests = TEST.findall(text)
+    names = [name for name, _, _ in tests]
+    for name, printed, verdict in {test[0]: test for test in tests}.values():  # the last try of each
+        good, bad, reasons = tally(name, printed, verdict)
         passed, failed = passed + good, failed + bad
         skipped += reasons
+        if verdict == "Passed" and names.count(name) > 1:
+            second.append(name)
     for reason in sorted(set(skipped)):
         print(f"skipped: {reason}")
+    for name in second:
+        print(f"only at the second try: {name}")
+    if len(second) > MOST_SECOND_TRIES:
+        print(f"{len(second)} tests needed a second try, more than {MOST_SECOND_TRIES}: this run counts as failed")
+        failed += 1
     print(f"{passed} passed, {failed} failed, {len(skipped)} skipped")
     return 1 if failed or not passed else 0
 
