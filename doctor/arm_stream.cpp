@@ -278,7 +278,7 @@ std::vector<Finding> judge_communication(const CommunicationReading& reading, Pu
     run.cure = late
                    ? fmt::format("run 'multipanda doctor {}' and fix what it reports; then recover the arm",
                                  reading.address)
-                   : "see the remedy for the error in docs/errors.md; recover the arm and run the test again";
+                   : "remove the cause of the error (docs/errors.md), recover the arm and run the test again";
   }
   findings.push_back(run);
 

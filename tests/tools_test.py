@@ -116,12 +116,6 @@ class Layers(Tree):
         with mock.patch.object(check_layers, "LAYERS", table[::-1]):
             self.assertTrue(check_layers.check_table())
 
-    def test_a_page_that_shows_an_old_table_is_a_fault(self):
-        self.write(check_layers.PAGE, f"{check_layers.BEGIN}\n| old |\n{check_layers.END}\n")
-        self.assertEqual(len(check_layers.check_page(self.root)), 1)
-        check_layers.write_page(self.root)
-        self.assertEqual(check_layers.check_page(self.root), [])
-
 
 class Texts(Tree):
     def test_a_place_on_one_machine_is_found_with_its_line(self):

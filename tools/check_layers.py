@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
 """Checks the whole tree against the table of layers (tools/layers.py); prints file:line for each fault, ends with 1.
 
-    check_layers.py [FOLDER]   check the includes, the links of CMake targets and the page that shows the table
-    check_layers.py --write    write the table into that page
+    check_layers.py [FOLDER]   check the includes and the links of CMake targets
 
 Besides the table: core includes no simulator, middleware or stream. Pinocchio, half a minute of compiling per file,
 stays in the source files of core/model. Folders named testing/ hold test support: only tests may include
@@ -21,8 +20,6 @@ INCLUDE = re.compile(r'\s*#\s*include\s*([<"])([^>"]+)[>"]')
 TEST_SUPPORT = re.compile(r"(^|/)testing/")
 TEST = re.compile(rf"_test\.(cpp|hpp)$|^tests/|^ros/tests/|{TEST_SUPPORT.pattern}")
 NOT_IN_CORE = re.compile(r"(mujoco|spdlog|yaml-cpp|nlohmann|rcl\w*|rmw|rosidl\w*|\w+_msgs)/|iostream$|fstream$")
-PAGE = "docs/architecture.md"
-BEGIN, END = "<!-- layers: written by tools/check_layers.py --write -->", "<!-- end of layers -->"
 
 
 def layer_of(path):
@@ -158,41 +155,11 @@ def uses_text(layer):
     return ", ".join(layer.uses)
 
 
-def table():
-    """The layers as a Markdown list, with links as the page needs them."""
-    links = [layer.role.replace("](", "](../").replace("](../docs/", "](") for layer in LAYERS]
-    return "\n".join(f"- `{layer.folder}`: {role}" for layer, role in zip(LAYERS, links))
-
-
-def with_table(text):
-    """The page's text with today's table between its markers."""
-    return re.sub(
-        rf"({re.escape(BEGIN)}\n).*?({re.escape(END)})", lambda m: f"{m[1]}{table()}\n{m[2]}", text, flags=re.S
-    )
-
-
-def check_page(root):
-    text = (root / PAGE).read_text(encoding="utf-8")
-    if BEGIN not in text:
-        return [f"{PAGE}:1: has no line '{BEGIN}'"]
-    if with_table(text) != text:
-        return [f"{PAGE}:1: its table of layers is out of date; run tools/check_layers.py --write"]
-    return []
-
-
-def write_page(root):
-    path = root / PAGE
-    path.write_text(with_table(path.read_text(encoding="utf-8")), encoding="utf-8")
-
-
 def check(root):
     return check_table() + check_includes(root) + check_links(root)
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["--write"]:
-        write_page(ROOT)
-        sys.exit(0)
-    found = check(pathlib.Path(sys.argv[1]).resolve()) if len(sys.argv) > 1 else check(ROOT) + check_page(ROOT)
+    found = check(pathlib.Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else ROOT)
     print("\n".join(found) or "every file includes only what its layer may use")
     sys.exit(1 if found else 0)

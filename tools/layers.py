@@ -2,7 +2,7 @@
 
 Each layer may use only layers listed above it in this table. A file belongs to the layer with the longest
 matching path; folders without a row of their own belong to their parent's. tools/check_layers.py checks the tree
-against this table and writes the table into the pages that show it.
+against this table.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,7 @@ LAYERS = [
     layer("core/trajectory", "quintic pieces, motions of joints and poses within limits", "core/types"),
     layer(
         "core/state",
-        "the state of one arm, and the force estimated from it ([forces.md](docs/forces.md))",
+        "the state of one arm, and the force estimated from it",
         "core/types",
     ),
     layer("core/record", "the record of a cycle: ring of records and events", "core/types core/rt core/state"),
@@ -94,23 +94,22 @@ LAYERS = [
         "core models scene backends/simulated_arm",
     ),
     layer("backends/replay", "a recorded log as a backend", "core logs"),
-    layer("fci/wire", "the arm's control interface: bytes of messages ([fci.md](docs/fci.md))", "core"),
+    layer("fci/wire", "the arm's control interface: bytes of messages", "core"),
     layer("fci/model", "the interface's model library, as arms send it", "core models"),
     layer(
         "fci/server",
-        "[virtual arms](docs/virtual_arm.md)",
+        "virtual arms",
         "core arm_interface models scene backends/simulated_arm backends/gripper backends/mujoco fci/wire fci/model",
     ),
     layer(
         "fci/client",
-        "the client for [real arms](docs/real_arms.md), all arms in one loop",
+        "the client for real arms, all arms in one loop",
         "core arm_interface scene fci/wire",
         "backends/mujoco fci/model fci/server",
     ),
     layer(
         "fci/simulated_time",
-        "virtual arms and the client of real arms without sockets and clocks: an event queue"
-        " ([simulation.md](docs/simulation.md#simulated-time))",
+        "virtual arms and the client of real arms without sockets and clocks: an event queue",
         "core arm_interface scene backends/simulated_arm backends/mujoco fci/wire fci/server fci/client",
     ),
     layer(
@@ -120,7 +119,7 @@ LAYERS = [
     ),
     layer(
         "benchmarks/soak",
-        "endurance runs under faults, every cycle checked ([simulation.md](docs/simulation.md#endurance-runs))",
+        "endurance runs under faults, every cycle checked",
         "core arm_interface scene logs backends/simulated_arm backends/mujoco fci/simulated_time",
     ),
     layer(
@@ -143,7 +142,7 @@ LAYERS = [
     ),
     layer(
         "cockpit/server",
-        "the page server of the [cockpit](docs/cockpit.md), a process of its own, and the thread that hears it",
+        "the page server of the cockpit, a process of its own, and the thread that reads it",
         "common core/types",
     ),
     layer("cockpit/view", "drawing data of a scene", "core models scene"),
@@ -156,67 +155,67 @@ LAYERS = [
     layer("benchmarks/bare", "a law with the libraries alone: the baseline of a control cycle", "core"),
     layer(
         "experiments",
-        "experiments as data, their runners and pages ([experiments.md](docs/experiments.md))",
+        "experiments as data, their runners and pages",
         "common yaml_reader core arm_interface scene logs backends report runtime runtime/motion benchmarks/bare",
     ),
     layer(
         "experiments/study",
-        "studies: tables of runs, and what runs one ([studies.md](docs/studies.md))",
+        "studies: tables of runs, and what runs one",
         "common yaml_reader core models scene logs backends runtime experiments",
     ),
     layer(
         "python_bindings",
-        "worlds with their control loops, stepped by Python ([learning.md](docs/learning.md#worlds-in-python))",
+        "worlds with their control loops, stepped by Python",
         "common core arm_interface scene backends/mujoco runtime",
     ),
     layer(
         "motion_generators",
-        "motion generators, each a process of its own ([motion_generator.md](docs/motion_generator.md))",
+        "motion generators, each a process of its own",
         "common yaml_reader core models runtime",
     ),
     layer(
         "doctor",
-        "diagnosis of computer, network and arms ([doctor](docs/commission.md#doctor))",
+        "diagnosis of computer, network and arms",
         "common core arm_interface scene backends/mujoco fci/wire fci/client runtime",
     ),
     layer(
         "commission",
-        "the first hour with real arms, step by step ([commission.md](docs/commission.md))",
+        "the first hour with real arms, step by step",
         "common core arm_interface models scene fci/wire fci/client report runtime doctor",
     ),
     layer("sysid/measured", "logs of any source as plain numbers", "common yaml_reader core scene logs"),
     layer(
         "sysid/identification",
-        "parameters of an arm from its logs ([identification.md](docs/identification.md))",
+        "parameters of an arm from its logs",
         "common core models scene backends/simulated_arm backends/mujoco report sysid/measured",
     ),
     layer(
         "sysid/comparison",
-        "differences between logs ([identification.md](docs/identification.md#compare))",
+        "differences between logs",
         "common logs report sysid/measured sysid/identification",
     ),
     layer(
         "sysid/excitation",
-        "motions that excite an arm's parameters ([identification.md](docs/identification.md#excite))",
+        "motions that excite an arm's parameters",
         "common yaml_reader core models scene",
     ),
     layer(
         "sysid/refine",
-        "the whole loop of sim to real for one task ([identification.md](docs/identification.md#refine))",
+        "the whole loop of sim to real for one task",
         "common yaml_reader core models scene report runtime experiments"
         " sysid/measured sysid/identification sysid/comparison sysid/excitation",
     ),
     layer("ros/rcl", "C++ layer on the C library of ROS 2", "common core/types"),
     layer(
         "ros/adapter",
-        "topics, services and actions of a run; a module loaded by `run --ros` only ([ros2.md](docs/ros2.md))",
+        "topics, services and actions of a run; a module loaded by `run --ros` only",
         "common core arm_interface models scene logs backends runtime runtime/motion ros/rcl",
         "backends/mujoco",
     ),
     layer("ros/generators", "motion generators as ROS nodes", "common models motion_generators ros/rcl"),
     layer(
         "ros/host",
-        "multipanda inside ros2_control ([ros2_control.md](docs/ros2_control.md))",
+        "multipanda inside ros2_control",
         "common arm_interface models scene runtime runtime/embedded ros/rcl ros/adapter",
     ),
     layer("ros", "ROS packages and their tests", "ros/host"),
