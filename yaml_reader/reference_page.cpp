@@ -49,18 +49,24 @@ std::string code_text(const std::string& text) { return text.empty() ? "" : "`" 
 
 std::string PageLists::list(const std::string& title,
                             const std::vector<std::pair<std::string, std::string>>& items) {
-  std::string lines;
+  std::vector<std::pair<std::string, std::string>> here;       // names, text
   std::vector<std::pair<std::string, std::string>> elsewhere;  // heading, names
   for (const auto& item : items) {
     const auto [place, is_new] = titles_.emplace(item, title);
+    if (is_new && !here.empty() && here.back().second == item.second) {
+      here.back().first += ", " + item.first;
+      continue;
+    }
     if (is_new) {
-      lines += "- " + item.first + item.second + "\n";
+      here.push_back(item);
       continue;
     }
     auto other = std::ranges::find(elsewhere, place->second, &std::pair<std::string, std::string>::first);
     if (other == elsewhere.end()) other = elsewhere.insert(other, {place->second, ""});
     other->second += (other->second.empty() ? "" : ", ") + item.first;
   }
+  std::string lines;
+  for (const auto& [names, text] : here) lines += "- " + names + text + "\n";
   for (const auto& [heading, names] : elsewhere) lines += "- as in " + link_to(heading) + ": " + names + "\n";
   return lines.empty() ? "" : "\n" + lines;
 }

@@ -62,14 +62,15 @@ class HybridForce final : public Controllet {
   static ControlletDescriptor descriptor() {
     ForceParameters force = force_parameters();
     const auto axis = [](const char* name, const char* what) {
-      return switch_parameter(name, false, std::string("Controls the ") + what + " of the force frame.");
+      return switch_parameter(name, false,
+                              std::string("Controls the ") + what + " this axis of the force frame.");
     };
     return {
         .type = "hybrid_force",
         .doc =
-            "Controls forces and moments along any subset of six axes; the end effector is a spring and "
-            "damper "
-            "about its set-point along the others.",
+            "Controls forces and moments along any subset of six axes; along the others the end effector is "
+            "a "
+            "spring and damper about its set-point.",
         .inputs = spec_table<kInputCount>(
             input_at<kPose>({.name = "pose",
                              .quantity = Quantity::pose,
@@ -81,12 +82,12 @@ class HybridForce final : public Controllet {
                                    "selected axes counts.",
                                .max_speed = 60})),
         .parameters = spec_table<kParameterCount>(
-            cartesian_parameters(), parameter_at<kFirstAxis>(axis("force_x", "force along x")),
-            parameter_at<kFirstAxis + 1>(axis("force_y", "force along y")),
-            parameter_at<kFirstAxis + 2>(axis("force_z", "force along z")),
-            parameter_at<kFirstAxis + 3>(axis("moment_x", "moment about x")),
-            parameter_at<kFirstAxis + 4>(axis("moment_y", "moment about y")),
-            parameter_at<kFirstAxis + 5>(axis("moment_z", "moment about z")),
+            cartesian_parameters(), parameter_at<kFirstAxis>(axis("force_x", "force along")),
+            parameter_at<kFirstAxis + 1>(axis("force_y", "force along")),
+            parameter_at<kFirstAxis + 2>(axis("force_z", "force along")),
+            parameter_at<kFirstAxis + 3>(axis("moment_x", "moment about")),
+            parameter_at<kFirstAxis + 4>(axis("moment_y", "moment about")),
+            parameter_at<kFirstAxis + 5>(axis("moment_z", "moment about")),
             parameter_at<kFrame>(choice_parameter(
                 "force_frame", {"world", "end_effector"},
                 "Axes that are selected: those of the world, or those of the end effector.")),

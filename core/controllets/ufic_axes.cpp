@@ -11,16 +11,15 @@ namespace multipanda {
 SpecsAt<ParameterSpec, 0, kUficAxesParameterCount> ufic_axes_parameters() {
   const auto axis = [](const char* name, const char* what) {
     return switch_parameter(name, false,
-                            std::string("Controls the ") + what +
-                                " of the force frame; with any axis, F_d acts along selected axes alone.");
+                            std::string("Controls the ") + what + " this axis of the force frame.");
   };
   return {spec_table<kUficAxesParameterCount>(
-      parameter_at<kFirstForceAxis>(axis("force_x", "force along x")),
-      parameter_at<kFirstForceAxis + 1>(axis("force_y", "force along y")),
-      parameter_at<kFirstForceAxis + 2>(axis("force_z", "force along z")),
-      parameter_at<kFirstForceAxis + 3>(axis("moment_x", "moment about x")),
-      parameter_at<kFirstForceAxis + 4>(axis("moment_y", "moment about y")),
-      parameter_at<kFirstForceAxis + 5>(axis("moment_z", "moment about z")),
+      parameter_at<kFirstForceAxis>(axis("force_x", "force along")),
+      parameter_at<kFirstForceAxis + 1>(axis("force_y", "force along")),
+      parameter_at<kFirstForceAxis + 2>(axis("force_z", "force along")),
+      parameter_at<kFirstForceAxis + 3>(axis("moment_x", "moment about")),
+      parameter_at<kFirstForceAxis + 4>(axis("moment_y", "moment about")),
+      parameter_at<kFirstForceAxis + 5>(axis("moment_z", "moment about")),
       parameter_at<kForceFrame>(
           choice_parameter("force_frame", {"world", "end_effector"},
                            "Axes that are selected: those of the world, or those of the end effector.")),
