@@ -128,7 +128,7 @@ std::string check_load(const Load& load, const ArmModel& model) {
   if (!model.largest_load() || load.mass <= *model.largest_load()) return {};
   std::snprintf(
       text.data(), text.size(),
-      "a payload of %.4g kg is too heavy for arm '%s': at most %.4g kg beside hand and tool; if it can "
+      "a payload of %.4g kg is too heavy for arm '%s': at most %.4g kg besides hand and tool; if it can "
       "carry more, set 'largest_load_kg' of the arm in the scene",
       load.mass, model.name().c_str(), *model.largest_load());
   return text.data();

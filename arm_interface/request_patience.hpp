@@ -10,7 +10,7 @@ inline constexpr double kRequestPatience = 5;  // [s]
 inline constexpr double kRequestSlack = 0.5;  // [s]
 
 inline constexpr const char* kRequestTooOld =
-    "it was asked too long ago, or nobody waits for it any more, and it was not executed: ask again";
+    "the request is too old, or its sender no longer waits, and it was not executed: send it again";
 inline constexpr const char* kRequestUnfinished =
     "the arm has not finished the request: it may still be executed; check the arm before you try again";
 

@@ -35,7 +35,7 @@ Json read_state(const fs::path& folder) {
   if (!in) throw UsageError("commission: --resume: there is no " + file.string());
   Json state = Json::parse(in, nullptr, false);
   if (state.is_discarded() || !state.contains("steps") || !state.contains("arms"))
-    throw UsageError("commission: --resume: " + file.string() + " is not the state of a tour");
+    throw UsageError("commission: --resume: " + file.string() + " is not the state file of a tour");
   return state;
 }
 

@@ -150,7 +150,7 @@ void add_export(Program& program) {
   option("--arms", dataset.arms, "Arms, in the order of the features (default: all)", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--action", dataset.action, "Set-points that are the action (default: the first that all arms have)",
+  option("--action", dataset.action, "Set-points to use as the action (default: the first that all arms have)",
          "KIND")
       ->check(CLI::IsMember({"joints", "pose"}));
   option("--observe", dataset.observe,
@@ -166,7 +166,7 @@ void add_export(Program& program) {
       ->delimiter(',')
       ->allow_extra_args(false);
   option("--outcomes", dataset.outcomes,
-         "Episodes that are used: success, failure, discard (default: success)", "NAMES")
+         "Episodes to use: success, failure, discard (default: success)", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->check(CLI::IsMember({"success", "failure", "discard"}));

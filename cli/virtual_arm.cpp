@@ -349,7 +349,7 @@ void add_virtual_arm(Program& program) {
   command->add_flag("--strict", arguments->strict,
                     "Drop answers that are late, as a real arm does; without it some lateness is tolerated");
   command->add_flag("--scene-model", arguments->scene_model,
-                    "Let a Panda send the scene's model as its library; without it, it sends a real one's");
+                    "Let a Panda send the scene's model as its library, not that of a real Panda");
   command
       ->add_option("--phase-us", arguments->phase_us,
                    "Delay from the world's steps to an arm's states [us], 0 to 1000")

@@ -122,7 +122,7 @@ void ArmsRun::start() {
     for (ArmIndex i = 0; all_seen() && i < newest_.size(); ++i) why += why_left(i);
     lock.unlock();
     end();  // rethrows the exception that ended the loop
-    throw std::runtime_error(why.empty() ? "the arms did not begin torque control" : why);
+    throw std::runtime_error(why.empty() ? "the arms did not start torque control" : why);
   }
   for (ArmIndex i = 0; i < expected_.size(); ++i) expected_[i] = instance(i, Law::hold);
   expected_from_ = cycle_ + 1;

@@ -162,7 +162,7 @@ StepResult run_versions(Context& context) {
     constexpr int kNewestPanda = 5;
     if (link->version() <= kNewestPanda && context.arm(i).model.starts_with("fr3")) {
       result.fail(fmt::format("{} has protocol version {}: a Panda", address_of(context, i), link->version()),
-                  "an FR3, as the scene's model '" + context.arm(i).model + "' says",
+                  "an FR3, as in the scene's model '" + context.arm(i).model + "'",
                   "set 'model: fer' in the scene, or exchange the addresses");
     }
     if (!fci::is_mode(state, fci::RobotMode::idle)) {
@@ -248,7 +248,7 @@ StepResult run_model(Context& context) {
       if (link->version() >= kOldestFr3 && arm.model.starts_with("fer")) {
         result.fail(
             fmt::format("{} has protocol version {}: an FR3", address_of(context, i), link->version()),
-            "a Panda, as the scene's model '" + arm.model + "' says",
+            "a Panda, as in the scene's model '" + arm.model + "'",
             "set 'model: fr3' in the scene, or exchange the addresses");
       }
     }

@@ -304,7 +304,7 @@ void ControlledWorld::restore(const SavedWorld& saved) {
   const auto same = [](double a, double b) { return a == b || (std::isnan(a) && std::isnan(b)); };
   if (!std::ranges::equal(state, saved.state, same))
     throw std::invalid_argument(
-        "the saved world was computed with other bits: expected the same program, model files, libraries and "
+        "the saved world differs in its last bits: expected the same program, model files, libraries and "
         "kind of "
         "processor; save it here");
   refusal_ = saved.refusal;

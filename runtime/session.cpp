@@ -415,7 +415,7 @@ void Session::relay(const CycleRecord& record) {
   const bool next = last_cycle_ != 0 && record.cycle == last_cycle_ + 1;
   if (is_on_the_wall_clock(options_) && next && gap > GapWatch::kLongest) {
     monitor_->add_news(fmt::format(
-        "the program stood still for {:.1f} s: all arms are stopped until they are resumed", seconds(gap)));
+        "the program stalled for {:.1f} s: all arms are stopped until they are resumed", seconds(gap)));
   }
   last_cycle_ = record.cycle;
   latest_.take(record);

@@ -114,7 +114,7 @@ OpenedScene open_scene(const std::string& path_or_bare_name, const SceneAddition
 
 void visit(Archive& archive, ContactBounds& bounds, Scene& scene) {
   const ContactBounds usual;
-  archive.about("ContactBounds", "What a hand beside a person bears; lifted by values above the default.");
+  archive.about("ContactBounds", "Bounds for a hand beside a person; values above the default lift them.");
   const auto bound = [&](const char* key, const char* doc, double most, double usual_value, const char* unit,
                          double& value) {
     archive(Key(key, doc).within(0.01, most), value);
@@ -123,7 +123,7 @@ void visit(Archive& archive, ContactBounds& bounds, Scene& scene) {
                              number_text(usual_value) + " " + unit);
     }
   };
-  bound("hand_speed_m_per_s", "Largest speed of the hand along set-points, joint set-points included.", 3,
+  bound("hand_speed_m_per_s", "Largest speed at which set-points move the hand, joint set-points included.", 3,
         usual.hand_speed, "m/s", bounds.hand_speed);
   bound("spring_force_n", "Largest force with which a set-point pulls a hand that cannot follow.", 1000,
         usual.spring_force, "N", bounds.spring_force);
@@ -160,8 +160,7 @@ void visit(Archive& archive, SceneReader& reader) {
   archive.list(Key("objects", "Surfaces and bodies.").each("object"), scene.objects, reader);
   archive.section(
       Key("contact_bounds",
-          "Bounds for arms beside people, for all controllets; larger values lift them, and the run "
-          "says so. Not a certified safety function: see docs/contact.md."),
+          "Bounds for arms beside people, for all controllets; larger values lift them, and the run reports it. Not a certified safety function: see docs/contact.md."),
       scene.contact_bounds, scene);
   archive.list(
       Key("controllets",

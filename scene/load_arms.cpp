@@ -239,8 +239,7 @@ void visit(Archive& archive, SafetyLimits& safety, SceneArm& arm) {
               .within(-kFarthest, kFarthest),
           low);
   archive(Key("workspace_max_m",
-              "Upper corner of that box. An arm whose law is refused beyond it is led back by hand, or may "
-              "start after a stop and resume.")
+              "Upper corner of that box. Guide an arm whose law is refused outside the box back by hand, or stop and resume it first.")
               .within(-kFarthest, kFarthest),
           high);
   const double usual_age = safety.max_state_age_s;
@@ -371,14 +370,13 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   if (archive.reading()) arm.rotor_hidden = reader.scene.plant.rotor_hidden.value_or(1);
   std::string rotors = "none";
   archive(Key("known_rotor_inertia",
-              "`model`: the mass matrix of the controllers contains the motors' inertia that acts by their "
-              "model, `motor_inertia_kg_m2` or what `rotor_inertia_hidden` leaves of `rotor_inertia_kg_m2`.")
+              "`model`: the mass matrix of the controllers contains the motors' inertia according to their model, `motor_inertia_kg_m2` or what `rotor_inertia_hidden` leaves of `rotor_inertia_kg_m2`.")
               .one_of({"none", "model"}),
           rotors);
   arm.known_rotor_inertia = rotors == "model";
   if (arm.known_rotor_inertia && acting_motor_inertia(*robot, arm.rotor_hidden).size() == 0) {
     archive.at("known_rotor_inertia")
-        .refuse("nothing acts of the motors' inertia by the model " + in_quotes(robot->name) +
+        .refuse("no motor inertia acts according to the model " + in_quotes(robot->name) +
                 "; write 'none', or 'rotor_inertia_hidden' below 1 in 'plant' with a model that has "
                 "'rotor_inertia_kg_m2'");
   }

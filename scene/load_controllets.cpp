@@ -134,8 +134,8 @@ void note_options(const Node& values, const InstanceConfig& config, Scene& scene
     const char *name, *text;
   };
   static constexpr Option kOptions[] = {
-      {"force_may_pull", "force_may_pull: true, so a wrong estimate draws the hand back"},
-      {"force_feedback", "force_feedback: always, which pushes in free air"},
+      {"force_may_pull", "force_may_pull: true, so a wrong estimate can pull the hand back"},
+      {"force_feedback", "force_feedback: always, which pushes without contact"},
       {"valve_law", "valve_law: paper, which is not passive"},
       {"nullspace_damping_of", "nullspace_damping_of: joints, which may supply energy"}};
   for (const auto& [name, value] : values.pairs()) {
@@ -416,8 +416,7 @@ void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
   const auto parameters = archive.open(Key(
       "parameters",
       "Values of parameters, by name. A single number may replace a list of equal ones. Parameters of "
-      "features: `joint_limits: {range_rad: 0.1}` or `joint_limits.range_rad: 0.1`. `preset` selects named "
-      "values of the type, or of the feature; parameters beside it win."));
+      "features: `joint_limits: {range_rad: 0.1}` or `joint_limits.range_rad: 0.1`. `preset` selects named values of the type, or of the feature; parameters given with it take precedence."));
   Key inputs(
       "inputs",
       "Overrides of inputs, by name: `pose: {max_speed_m_per_s: 0.2}`. Default: the values of the type.");

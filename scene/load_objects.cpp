@@ -76,7 +76,7 @@ void visit(Archive& archive, PlantFidelity& plant, Scene& scene) {
   archive(Key("rotor_inertia_hidden",
               "How much of the rotors' inertia the arms' own torque loops hide. 1: the links move as if the "
               "motors had none; 0: all of it acts, as armature. Default: 1 in simulation, 0 of virtual arms. "
-              "A model with `motor_inertia_kg_m2` shows that instead.")
+              "`motor_inertia_kg_m2` of a model replaces this.")
               .within(0, 1),
           plant.rotor_hidden);
   archive(Key("transmission_stiffness_nm_per_rad",

@@ -208,7 +208,7 @@ const std::vector<Refusal> kArm{
     {"known rotors, all hidden",
      one_arm("known_rotor_inertia: model"),
      3,
-     {"nothing acts", "'rotor_inertia_hidden' below 1"}},
+     {"no motor inertia acts", "'rotor_inertia_hidden' below 1"}},
     {"old states", one_arm("safety: {max_state_age_s: 0.01}"), 3, {"looser than the usual 0.002"}},
 };
 

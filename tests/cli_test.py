@@ -264,7 +264,7 @@ class Runs(Calls):
         os.write(terminal, b"r")
         time.sleep(1)
         os.kill(pid, signal.SIGCONT)
-        while b"stood still" not in text:
+        while b"stalled" not in text:
             text += os.read(terminal, 4096)
         time.sleep(0.5)
         os.write(terminal, b"\x03")
@@ -490,7 +490,7 @@ class LiveCommands(Calls):
         arm = self.table("ctl", "list")["arms"][0]
         name = arm["name"] if isinstance(arm, dict) else arm
         answer = self.ctl("load", name, "mass_kg=50", code=1)
-        self.assertRegex(answer.stderr, r"a payload of 50 kg is too heavy for arm '.+': at most 2\.\d+ kg beside hand")
+        self.assertRegex(answer.stderr, r"a payload of 50 kg is too heavy for arm '.+': at most 2\.\d+ kg besides hand")
         self.assertIn("largest_load_kg", answer.stderr)
         before = self.positions()
         answer = self.ctl("load", name, "mass_kg=0.3")

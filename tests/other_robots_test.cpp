@@ -368,7 +368,7 @@ TEST(OtherRobotsAvoid, NotFromWithinTheBodyThatCarriesThem) {
         registry, {});
     ADD_FAILURE() << "was accepted";
   } catch (const std::exception& error) {
-    EXPECT_NE(std::string(error.what()).find("a hold starts wherever the arm is"), std::string::npos)
+    EXPECT_NE(std::string(error.what()).find("a hold must be able to start anywhere"), std::string::npos)
         << error.what();
   }
 }

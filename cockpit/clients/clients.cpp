@@ -143,7 +143,7 @@ void Clients::take(Hub::Client& client, const json& message, HostTime arrived) {
     // Looking moves nothing, and a page asks once for what it shows.
     const std::string word = message.value("do", "");
     const bool looks = word == "subscribe" || word == "unsubscribe" || word == "plot";
-    if (!looks && !is_stop(message) && late) throw RequestRefused("timeout", kStoodStill);
+    if (!looks && !is_stop(message) && late) throw RequestRefused("timeout", kStalled);
     take_request(page, message, id, arrived);
   } catch (const RequestRefused& refused) {
     answer(client, refusal(refused.code, refused.what()), id);
@@ -197,12 +197,11 @@ void Clients::take_request(Page& page, const json& message, const json& id, Host
   }
   if (!source_->is_open(word) && !control_.held_by(page.client->id()))
     throw RequestRefused("no_control", control_.holder()
-                                           ? "another page has the control: request it with 'control'"
-                                           : "take the control first ('control')");
+                                           ? "another page has control: request it with 'control'"
+                                           : "take control first ('control')");
   if (!source_->is_open(word) && lags(page, host_now()))
     throw RequestRefused("stale",
-                         "the page has not confirmed a state for 1 s, so this may be a request of "
-                         "before: ask again once it shows new states");
+                         "the page has not confirmed a state for 1 s, so this request may be outdated: repeat it once the page shows new states");
   if (!source_->is_open(word) && source_->moves(message) && !hold_.held(host_now()))
     throw RequestRefused("not_held",
                          "arms move only while a button is held: send beats, and 'seen' for every state, at "
@@ -290,7 +289,7 @@ void Clients::take_control(Page& page, const json& message, const json& id) {
   if (fields.boolean("take", false)) {
     done["control"] = control_.take(client, host_now()) ? "taken" : "requested";
   } else if (!control_.held_by(client)) {
-    throw RequestRefused("no_control", "only the page that has the control can hand it over");
+    throw RequestRefused("no_control", "only the page in control can hand it over");
   } else if (fields.boolean("keep", false)) {
     control_.keep();
   } else if (fields.has("give") && message.at("give").is_null()) {
@@ -298,9 +297,9 @@ void Clients::take_control(Page& page, const json& message, const json& id) {
   } else if (!fields.has("give") || !message.at("give").is_number_integer()) {
     fields.refuse("expected 'take': true, 'keep': true, or 'give': the number of a page or null");
   } else if (!control_.give(message.at("give").get<ClientId>())) {
-    fields.refuse("this page has not requested the control");
+    fields.refuse("this page has not requested control");
   }
-  if (control_.holder() != before && hold_.begun()) end_hold("the control was handed over", before);
+  if (control_.holder() != before && hold_.begun()) end_hold("control was handed over", before);
   answer(*page.client, std::move(done), id);
   send_control();
 }
@@ -356,12 +355,12 @@ nanoseconds Clients::turn(HostTime now) {
   (void)gaps_.look();
   if (!source_) return kIdle;
   if (hold_.silent(now)) {
-    end_hold("no beat came for 200 ms, or the page saw no new state", control_.holder());
+    end_hold("no beat arrived for 200 ms, or the page saw no new state", control_.holder());
     send_control();
   }
   const auto before = control_.holder();
   if (control_.pass_on(now, hold_.held(now))) {
-    if (control_.holder() != before && hold_.begun()) end_hold("the control was handed over", before);
+    if (control_.holder() != before && hold_.begun()) end_hold("control was handed over", before);
     send_control();
   }
   source_->update(now);

@@ -252,8 +252,8 @@ std::string RunSource::come_to_rest(bool hold) {
   const std::string refused = look_at_stops();
   if (ended == 0) return refused;
   return (refused.empty() ? "" : refused + "; ") +
-         "it was let go before the arms had stood still for 0.3 s: " +
-         joined(names_of(session_.modes(), ended), ", ") + " has ended, hold has the arms";
+         "it was released before the arms had rested for 0.3 s: " +
+         joined(names_of(session_.modes(), ended), ", ") + " has ended, the arms are held";
 }
 
 }  // namespace multipanda::cockpit

@@ -126,7 +126,7 @@ void Hub::learn_address() {
   if (ready.contains("error")) throw std::runtime_error(ready["error"].get<std::string>());
   if (!frame)
     throw std::runtime_error(
-        fmt::format("the cockpit's page server has not begun: see what it says above; it needs "
+        fmt::format("the cockpit's page server did not start: see its messages above; it needs "
                     "{} with the package websockets",
                     page_python().string()));
   port_ = ready.at("port").get<std::uint16_t>();
@@ -167,7 +167,7 @@ void Hub::run() {
     channel_->flush();
     if (gone && !std::exchange(said_, true)) {
       server_->stop({});
-      fmt::print(stderr, "the cockpit's page server has ended: the run goes on without its page\n");
+      fmt::print(stderr, "the cockpit's page server has ended: the run continues without its page\n");
     }
   }
 }

@@ -252,8 +252,7 @@ CartesianParameters cartesian_parameters() {
                                              .size = 3,
                                              .initial = {400, 400, 400},
                                              .max = 5000,
-                                             .doc = "Stiffness K_t along x, y, z. Softened where the arm's "
-                                                    "inertia makes it faster than 150 rad/s."}),
+                                             .doc = "Stiffness K_t along x, y, z. Reduced where the natural frequency would exceed 150 rad/s."}),
       parameter_at<kRotationalStiffness>({.name = "rotational_stiffness_nm_per_rad",
                                           .unit = "N m/rad",
                                           .size = 3,
@@ -295,8 +294,7 @@ CartesianParameters cartesian_parameters() {
                                            .initial = {40, 40, 40},
                                            .max = 1000,
                                            .doc =
-                                               "Damping along x, y, z if damping_design is 'given', in the "
-                                               "axes of the stiffness; at most what the inertia bears."}),
+                                               "Damping along x, y, z if damping_design is 'given', in the axes of the stiffness; limited by the inertia."}),
       parameter_at<kRotationalDamping>({.name = "rotational_damping_nm_s_per_rad",
                                         .unit = "N m s/rad",
                                         .size = 3,
@@ -315,8 +313,7 @@ CartesianParameters cartesian_parameters() {
                            "which may supply energy.")),
       parameter_at<kCoriolisFeedforward>(
           switch_parameter("coriolis_feedforward", false,
-                           "Adds C_c V_d, as the paper prints it, to C dq, which the law compensates in the "
-                           "joints anyway.")))};
+                           "Adds C_c V_d, as the paper prints it, to C dq, which the law always compensates in the joints.")))};
 }
 
 Preset paper_preset(std::vector<Preset::Value> more) {

@@ -69,7 +69,7 @@ class CoupledUfic final : public Controllet {
   }
 
   void bound_parameters(ParameterSet& parameters) const override {
-    parameters.lower_max(kObjectMass, std::array{bearable_}, "the arms carry no more beside hands and tools");
+    parameters.lower_max(kObjectMass, std::array{bearable_}, "the arms can carry no more besides hands and tools");
   }
 
   // A begins midway between the hands, with the axes of the world.

@@ -384,7 +384,7 @@ TEST(CoupledUfic, TheObjectsMassIsBoundedAndComesInSlowly) {
   const std::size_t mass = parameters.find("object_mass_kg");
   EXPECT_EQ(parameters.check(mass, std::array{3.5}), Verdict::accepted);
   EXPECT_EQ(parameters.check(mass, std::array{3.6}), Verdict::out_of_bounds);
-  EXPECT_EQ(parameters.bound_reason(mass), "the arms carry no more beside hands and tools");
+  EXPECT_EQ(parameters.bound_reason(mass), "the arms can carry no more besides hands and tools");
 
   Bench bench;
   bench.rig.set("object_mass_kg", {1});

@@ -100,7 +100,7 @@ double soften(const Matrix& inertia, Matrix& K) {
 }
 
 inline constexpr const char* kStiffnessShareDoc =
-    "Share of the stiffness that its fastest mode or lightest axis keeps: 1 unless the arm bears less.";
+    "Share of the stiffness that the fastest mode or lightest axis keeps: 1 unless it was reduced for stability.";
 
 inline bool states_motors(const ArmModel& model) { return model.motor_inertia().size() > 0; }
 

@@ -93,7 +93,7 @@ SpecsAt<ParameterSpec, 0, kTankParameterCount> tank_parameters() {
                             .initial = {0.02},
                             .min = 0.001,
                             .max = 1,
-                            .doc = "Width of gamma: the force fades away from the last contact."}),
+                            .doc = "Width of gamma, which fades the force away from the last contact."}),
       parameter_at<kTankStart>(energy(
           "tank_start_j", 100, 0, 1000,
           "Initial energy of both tanks, clamped to their limits. The paper's K_p |F_d|^2 / 2 is above "

@@ -72,7 +72,7 @@ ParameterSpec leading_scale_parameter() {
           .initial = {1},
           .min = 0.05,
           .max = 3,
-          .doc = "Way of the follower's hand for a way of the leader's; rotations are not scaled."};
+          .doc = "Motion of the follower's hand per motion of the leader's; rotations are not scaled."};
 }
 
 void JumpDetector::start(const OwnedArm& arm) {

@@ -49,7 +49,7 @@ ParameterSpec alignment_parameter();
 ParameterSpec leading_axes_parameter();
 ParameterSpec leading_scale_parameter();
 inline constexpr const char* kSlippedDoc =
-    "1: the follower was left behind, so its clutch opened; set `clutch` to false and to true again.";
+    "1: the follower fell too far behind, so its clutch opened; set `clutch` to false and to true again.";
 
 // A leader whose states fail to arrive leads nowhere: its last velocity no longer counts after 3 periods, so
 // that the set-point brakes. The safety stage holds the follower soon after.

@@ -40,7 +40,7 @@ class Force final : public Controllet {
                                   .initial = {0.02},
                                   .min = 0.001,
                                   .max = 1,
-                                  .doc = "Width of gamma: the force fades beyond the last contact."})),
+                                  .doc = "Width of gamma, which fades the force beyond the last contact."})),
         .outputs = spec_table<kOutputCount>(
             output_at<kDesired>("force_desired_n", "F_d along n."),
             output_at<kEstimated>("force_estimated_n", "F_hat along n."),

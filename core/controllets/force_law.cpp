@@ -154,8 +154,7 @@ ParameterSpec force_feedforward_parameter() {
 ParameterSpec force_may_pull_parameter() {
   return switch_parameter(
       "force_may_pull", false,
-      "Lets the commanded force become negative, as the paper prints it; a tool that only "
-      "rests on a surface then lifts off.");
+      "Allows a negative commanded force, as the paper prints it; a tool that only rests on a surface then lifts off.");
 }
 
 ParameterSpec press_direction_parameter() {

@@ -94,7 +94,7 @@ class HybridForce final : public Controllet {
             parameter_at<kProportional>(force[kForceProportional]),
             parameter_at<kIntegral>(force[kForceIntegral]),
             parameter_at<kMomentIntegral>(number("moment_integral_per_s", "1/s", 2, 0, 50,
-                                                 "Gain I of moments; what they turn is softer.")),
+                                                 "Gain I of moments; lower, since rotations are softer.")),
             parameter_at<kCutoff>(force[kErrorCutoff]), parameter_at<kForceLimit>(force[kIntegralLimit]),
             parameter_at<kMomentLimit>(number("moment_integral_limit_nm", "N m", 3, 0, 20,
                                               "Limit of the integral part of a moment.")),
@@ -103,8 +103,7 @@ class HybridForce final : public Controllet {
                 number("moment_threshold_nm", "N m", 0.5, 0.1, 10,
                        "Estimated moment that counts as contact; contact is lost below half of it.")),
             parameter_at<kLinearDamping>(number("force_damping_n_s_per_m", "N s/m", 100, 0, 300,
-                                                "Damping along axes with a force, in addition to that of the "
-                                                "impedance; at most what the inertia bears.")),
+                                                "Damping along axes with a force, in addition to that of the impedance; limited by the inertia.")),
             parameter_at<kAngularDamping>(number("moment_damping_nm_s_per_rad", "N m s/rad", 2, 0, 20,
                                                  "The same about axes with a moment.")),
             parameter_at<kApproachSpeed>(
@@ -113,7 +112,7 @@ class HybridForce final : public Controllet {
             parameter_at<kTurningSpeed>(number("turning_speed_rad_per_s", "rad/s", 0.1, 0, 0.5,
                                                "The same about an axis with a desired moment.")),
             parameter_at<kReach>(number("d_max_m", "m", 0.02, 0.001, 1,
-                                        "Width of gamma: a force fades beyond the last contact.")),
+                                        "Width of gamma, which fades a force beyond the last contact.")),
             parameter_at<kAngularReach>(
                 number("phi_max_rad", "rad", 0.1, 0.01, 1, "The same for a moment."))),
         .outputs = spec_table<kOutputCount>(
@@ -125,7 +124,7 @@ class HybridForce final : public Controllet {
             output_at<kCommand + 3, 3>("commanded_moment_nm", "Its moment."),
             output_at<kContact, 6>("in_contact", "1 for each axis along which contact is detected."),
             output_at<kWeight, 6>(
-                "axis_weight", "Per axis: 1 under force control, 0 under impedance, between while it fades."),
+                "axis_weight", "Per axis: 1 under force control, 0 under impedance, in between while it fades."),
             output_at<kError, 3>("position_error_m", "p_d - p along axes of the impedance, world axes."),
             output_at<kError + 3, 3>("orientation_error_rad", "log(R_d R^T), the same."),
             output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc)),

@@ -44,8 +44,7 @@ class JointFollower final : public Controllet {
                                   .initial = {1},
                                   .min = -2,
                                   .max = 2,
-                                  .doc = "Way of each joint for a way of the leader's; -1 mirrors. Beside "
-                                         "'match' only its sign counts."})),
+                                  .doc = "Motion of each joint per motion of the leader's; -1 mirrors. With 'match' only its sign counts."})),
         .outputs = spec_table<kOutputCount>(
             output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
             output_at<kLargestLag>("largest_lag_rad",

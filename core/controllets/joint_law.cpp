@@ -104,8 +104,7 @@ ParameterSpec joint_stiffness_parameter() {
           .initial = {600, 600, 600, 600, 250, 150, 50, 50, 50, 50, 50, 50, 50, 50, 50, 50},
           .max = 1000,
           .doc =
-              "Joint stiffness K. Modes that the arm's inertia makes faster than 150 rad/s are softened to "
-              "that (stiffness_share)."};
+              "Joint stiffness K. Modes with a natural frequency above 150 rad/s are softened to it (stiffness_share)."};
 }
 
 ParameterSpec joint_damping_ratio_parameter() {

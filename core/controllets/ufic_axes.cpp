@@ -27,7 +27,7 @@ SpecsAt<ParameterSpec, 0, kUficAxesParameterCount> ufic_axes_parameters() {
                                      .unit = "1/s",
                                      .initial = {2},
                                      .max = 50,
-                                     .doc = "Gain I of moments; what they turn is softer."}),
+                                     .doc = "Gain I of moments; lower, since rotations are softer."}),
       parameter_at<kMomentLimit>({.name = "moment_integral_limit_nm",
                                   .unit = "N m",
                                   .initial = {3},

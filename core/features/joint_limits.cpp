@@ -39,8 +39,7 @@ class JointLimits final : public Feature {
                      .unit = "N m s/rad",
                      .initial = {2.0},
                      .max = 20,
-                     .doc = "Damping of outward motion at the limit; of a joint with little inertia, "
-                            "what it bears at 1 kHz."}),
+                     .doc = "Damping of outward motion at the limit; less for a joint with little inertia, so that it stays stable at 1 kHz."}),
                 parameter_at<kLinearRange>({.name = "range_m",
                                             .unit = "m",
                                             .initial = {0.05},

@@ -263,7 +263,7 @@ TEST(InstanceConfig, AHoldHasNoFeatureThatMayRefuseToStart) {
   Registry registry = test::test_registry();
   registry.add(feature_of<Wary>("wary"));
   InstanceConfig hold{.name = "arm0_hold", .type = "hold", .arms = {0}, .features = {"wary"}};
-  EXPECT_THAT(refusal(hold, registry), testing::HasSubstr("a hold starts wherever the arm is"));
+  EXPECT_THAT(refusal(hold, registry), testing::HasSubstr("a hold must be able to start anywhere"));
   InstanceConfig law = spring();
   law.features = {"wary"};
   EXPECT_EQ(refusal(law, registry), "");

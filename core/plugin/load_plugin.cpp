@@ -31,7 +31,7 @@ std::string refusal(void* library) {
   const auto headers = symbol<const char* (*)()>(library, "multipanda_plugin_headers");
   const auto layout = symbol<std::uint64_t (*)()>(library, "multipanda_plugin_layout");
   if (headers == nullptr || layout == nullptr) {
-    return "it was built with the headers of an older version, which do not tell their hash; rebuild it with "
+    return "it was built with the headers of an older version, which have no hash; rebuild it with "
            "the "
            "headers of this program";
   }

@@ -51,7 +51,7 @@ constexpr std::array<VerdictText, static_cast<std::size_t>(Verdict::count_)> kVe
      {"superseded", "the active controllets changed in the meantime: try again"},
      {"queue_full", "too many requests at once: try again"},
      {"loop_not_running", "the loop is not running"},
-     {"timeout", "not taken by the loop in time; it is not executed"},
+     {"timeout", "the loop did not take it in time; it is not executed"},
      {"observes_itself", "a controllet would observe its own arm through others"}}};
 static_assert(!kInterventions.back().text.empty() && !kVerdicts.back().text.empty(), "every code has a text");
 

@@ -57,8 +57,7 @@ class GapWatch {
 };
 
 // Why a request is refused after a gap.
-inline constexpr const char* kStoodStill =
-    "this program stood still until just now, and what was asked before is not executed: look at the arms, "
-    "then ask again";
+inline constexpr const char* kStalled =
+    "this program stalled until just now, and earlier requests are not executed: look at the arms, then send them again";
 
 }  // namespace multipanda

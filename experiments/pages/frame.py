@@ -161,8 +161,8 @@ def how(plan):
         facts.append(("Repeats differ by", f"{varied} (uniform, seed {plan['seed']})"))
     if plan.get("set"):
         facts.append(("Set in every scene", "; ".join(f"{k} = {v}" for k, v in plan["set"].items())))
-    force = "true: the simulator's contact force; estimate: from joint torques. Limits are about the true one"
-    arms = ", of arms about the estimate." if "measured" in plan.get("plants", []) else "."
+    force = "true: the simulator's contact force; estimate: from joint torques. Limits apply to the true force"
+    arms = ", on arms to the estimate." if "measured" in plan.get("plants", []) else "."
     scene = runs[0].get("scene_text") if runs else None
     return [
         page.facts([*facts, ("Force", force + arms), *plan["machine"].items()]),

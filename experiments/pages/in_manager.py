@@ -166,7 +166,7 @@ def section(own, inside, remarks, drawn):
         page.image(drawn["manager_stages"], "Medians of the stages of a step."),
         page.image(drawn["manager_tails"], "Fraction of the cycles above a value, down to the worst one."),
         page.heading("Command delay"),
-        "From the torque that the controller has left for its hardware to the state that reports it as in use; the "
+        "From the torque that the controller has written for its hardware to the state that reports it as in use; the "
         "plant's own delay is in it and is not known to the controller. In lock-step with simulated arms it is that of "
         f"the plant alone. Hardware that does not report the torque in use: {NOT_MEASURED}.",
         _delay_table(own, inside),

@@ -115,7 +115,7 @@ void check_words(const Study& study, const std::vector<Override>& values) {
   }
   if (!names.contains("out"))
     throw ConfigError({study.path, 0},
-                      "no word of `program` contains {out}, the folder into which it writes result.json");
+                      "no argument of `program` contains {out}, the folder into which it writes result.json");
 }
 
 void check_values(const Study& study, const std::vector<Override>& values) {

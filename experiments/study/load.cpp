@@ -82,8 +82,7 @@ void read_base(Archive& archive, Study& study) {
   archive(Key("experiment", "Name or file of an experiment."), experiment);
   archive(Key("refine", "Name of an experiment that `multipanda refine` adapts to hidden plants."), refine);
   archive(Key("program",
-              "Words of a command that writes result.json into the folder {out}. {seed} is the seed, {KEY} a "
-              "value of `set`. Words that name a file, relative to this one, stand for it."),
+              "A command with its arguments that writes result.json into the folder {out}. {seed} is the seed, {KEY} a value of `set`. Arguments that name a file, relative to this one, become its path."),
           program);
   archive(Key("files", "Files and folders that the program depends on, relative to this file."), study.files);
   if (!archive.reading()) return;
@@ -121,7 +120,7 @@ void check_kind(const Archive& archive, const Study& study) {
   for (const auto& key : archive.present(foreign))
     archive.at(key).refuse(
         "the key '" + key + "' has no meaning here" +
-        (study.kind == Study::Kind::refine ? "; options of refine belong into 'set'" : ""));
+        (study.kind == Study::Kind::refine ? "; options of refine belong in 'set'" : ""));
   if (archive.has("seeds") && archive.has("seed_list"))
     archive.at("seed_list").refuse("`seeds` and `seed_list` exclude each other; remove one");
 }
@@ -134,9 +133,9 @@ void visit(Archive& archive, Study& study) {
   read_base(archive, study);
   study.set = read_overrides(
       archive,
-      "Values of every run, by key path; of `refine`: its options; of `program`: values for its words.");
+      "Values of every run, by key path; of `refine`: its options; of `program`: values for its arguments.");
   archive.list(Key("axes", "What differs between runs.").each("axis"), study.axes);
-  archive.list(Key("vary", "What differs with the seed."), study.vary);
+  archive.list(Key("vary", "Values that vary with the seed."), study.vary);
   archive(Key("seed_list", "Seeds one by one, instead of `seeds`.").no_default(), study.seeds);
   archive.part(Key("seeds", "Seeds in a row. Default: 1."),
                [&](Archive& inner) { visit_seeds(inner, study); });
@@ -145,7 +144,7 @@ void visit(Archive& archive, Study& study) {
       study.seconds);
   archive(Key("repeats", "Repeats of each variant of the experiment.").within(1, 1000), study.repeats);
   archive(Key("only", "Variants of the experiment. Default: all."), study.only);
-  archive(Key("hidden", "Whether the simulated arms differ from their models by a draw of the seed."),
+  archive(Key("hidden", "Whether the simulated arms differ from their models at random, by the seed."),
           study.hidden);
   archive(Key("logs", "Whether the log of each run is kept."), study.logs);
   if (!archive.reading()) return;

@@ -311,7 +311,7 @@ void ArmDriver::start_motion_of(HostTime asked) {
   const bool stopped = asked.ns < stopped_ns_.load(std::memory_order_acquire);
   if (stopped || asked < link_.gaps().look()) {  // also since the last wait
     enter(Phase::stopped);
-    refuse((stopped ? std::string("somebody has stopped its motion since") : kStoodStill) + ": run " +
+    refuse((stopped ? std::string("its motion has been stopped since") : kStalled) + ": run " +
            ctl_command("recover"));
   }
   start_requested_motion();

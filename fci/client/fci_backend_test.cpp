@@ -455,7 +455,7 @@ TEST_F(Backends, AStopOvertakesTheRecoveryThatIsOnItsWay) {
   for (auto* recovery : {&first, &second}) {
     const RequestAnswer refused = answer(std::move(*recovery));
     EXPECT_FALSE(refused.success);
-    EXPECT_THAT(refused.reason, HasSubstr("stopped its motion since"));
+    EXPECT_THAT(refused.reason, HasSubstr("motion has been stopped since"));
   }
   EXPECT_TRUE(answer(std::move(stopped)).success);
   EXPECT_EQ(count(Command::move), motions) << "no motion began";
@@ -476,7 +476,7 @@ TEST_F(Backends, AReconnectionThatStoodStillBeginsNoMotion) {
   stands_still_ = true;
   const RequestAnswer refused = answer(backend_->request(0, Reconnect{}));
   EXPECT_FALSE(refused.success);
-  EXPECT_THAT(refused.reason, HasSubstr("stood still"));
+  EXPECT_THAT(refused.reason, HasSubstr("stalled"));
   const auto asked = fakes_[0]->asked();
   for (; motions < asked.size(); ++motions) EXPECT_NE(asked[motions].command, Command::move);
 }

@@ -65,7 +65,7 @@ _STEPS = {
     "unknown_instance": "run.controllets lists the names",
     "unknown_arm": "run.arms lists the names",
     "observes_itself": "deactivate one of the followers that would follow each other",
-    "superseded": "send the request again, if it is still meant",
+    "superseded": "send the request again, if it is still needed",
     "queue_full": "send fewer requests, or open a stream",
     "too_many_clients": "close a client of this run",
 }

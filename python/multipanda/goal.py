@@ -91,7 +91,7 @@ class Goal:
         """
         quantity, client = self.spec["quantity"], self.controllet.client
         if quantity not in ("pose", "joints"):
-            raise ValueError(f"a {quantity} is not a place: there is nothing to wait for")
+            raise ValueError(f"a {quantity} has no position: there is nothing to wait for")
         found = state.q_rad if quantity == "joints" else state.pose.values
         if len(self.controllet.arms) > 1:
             found = client.record()[f"{self.controllet.name}/{self.spec['name']}"]
@@ -115,15 +115,15 @@ class Goal:
         distance, angle = self.error(state)
         said = f"{self.arm} is {1e3 * distance:.1f} mm and {angle:.3f} rad away from its goal after {timeout_s:g} s"
         if found is None:
-            return Timeout(said, "the motion may take longer than asked; or something is in the way")
+            return Timeout(said, "the motion may take longer than requested, or something is in the way")
         left, turn = self._away(found)
         said += f", its set-point {1e3 * left:.1f} mm and {turn:.3f} rad"
         if distance - left > _FOLLOWS_M or angle - turn > _FOLLOWS_RAD:
-            why = "something is in the way, its reach or a joint's range ends there, or a load is not declared"
+            why = "something is in the way, the goal is beyond its reach or a joint's range, or a load is not declared"
             return Timeout(said, f"the arm does not follow: {why}")
         if left > _THERE_M or turn > _THERE_RAD:
             least = "" if self.shortest_s is None else f" ({self.bounded_by}: {self.shortest_s:.1f} s at least)"
-            return Timeout(said, f"the motion takes longer than asked, within its limits{least}: wait longer")
+            return Timeout(said, f"the motion takes longer than requested, within its limits{least}: wait longer")
         return Timeout(said, "the arm rests short of its set-point, or is not at rest: a load, friction, tolerances")
 
     def wait(

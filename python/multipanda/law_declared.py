@@ -16,7 +16,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,63}")
 
 def _named(kind: str, name: str) -> str:
     if not _NAME.fullmatch(name) or keyword.iskeyword(name):
-        raise ValueError(f"{kind} '{name}': expected a letter, then letters, digits or _, and no word of Python")
+        raise ValueError(f"{kind} '{name}': expected a letter, then letters, digits or _, and no Python keyword")
     return name
 
 

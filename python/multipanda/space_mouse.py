@@ -261,9 +261,9 @@ class _Jog:
     ) -> None:
         spec: dict[str, Any] = controllet.input(name)
         if spec["quantity"] != "pose":
-            raise ValueError(f"{controllet.name}.{name} takes a {spec['quantity']}, and the device leads a pose")
+            raise ValueError(f"{controllet.name}.{name} takes a {spec['quantity']}, but the device commands a pose")
         if len(controllet.arms) != 1:
-            raise ValueError(f"{controllet.name} moves {', '.join(controllet.arms)}: the device leads one hand")
+            raise ValueError(f"{controllet.name} moves {', '.join(controllet.arms)}: the device moves one hand")
         self.law, self.name, self.axes, self.limits, self.say = controllet, name, axes, limits, say
         self.client, self.arm = controllet.client, controllet.arms[0]
         self.base = self.client.base(self.arm) if axes == "base" else Pose.at()

@@ -162,7 +162,7 @@ class Link:
                 raise Refused(
                     "too_slow",
                     f"{self.host} answers after {2e-9 * self.clock.uncertainty_ns:.2f} s",
-                    f"a nearer computer, or more than silence_s={silence_s:g}",
+                    f"use a nearer computer, or more than silence_s={silence_s:g}",
                 )
         except BaseException:
             self.close()
@@ -216,9 +216,9 @@ class Link:
         with self._changed:
             done = self._changed.wait_for(lambda: condition() or self.lost, patience_s)
         if not condition() and self.lost:
-            raise Disconnected(f"{self.lost} ({self.where})", "see that the same ssh command works in a terminal")
+            raise Disconnected(f"{self.lost} ({self.where})", "check that the same ssh command works in a terminal")
         if not done:
-            raise Timeout(f"{self.where} did not answer within {patience_s:g} s", "see the computer and the network")
+            raise Timeout(f"{self.where} did not answer within {patience_s:g} s", "check the computer and the network")
 
     def _send(self, one: bytes) -> None:
         with self._lock:

@@ -137,7 +137,7 @@ class _Study:
             if self.lost[run.key] < _ATTEMPTS:
                 self.waiting.appendleft(run)
             elif self.store.machine is None:  # no run has succeeded yet: the others would fail in the same way
-                raise Error(f"no worker finishes the study's first run: {why}", "see what its messages say") from why
+                raise Error(f"no worker finishes the study's first run: {why}", "see its messages") from why
             else:
                 self.errors[run.key] = f"its worker was lost {_ATTEMPTS} times: {why}"
 

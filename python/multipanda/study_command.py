@@ -43,7 +43,7 @@ def main() -> int:
         print(f"multipanda study: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("\nstopped; the same command goes on where it was", file=sys.stderr)
+        print("\nstopped; the same command resumes it", file=sys.stderr)
         return 130
     print(file=sys.stderr) if terminal else None
     for entry in found.errors[:10]:

@@ -53,8 +53,8 @@ class Engine:
             return
         if self._remake is None:
             raise Error(
-                f"the executor does not accept runs any more: {why}",
-                "what is done is kept: start the study again; or pass a function that makes an executor",
+                f"the executor no longer accepts runs: {why}",
+                "finished runs are kept: start the study again; or pass a function that makes an executor",
             ) from why
         self._executor.shutdown(wait=False, cancel_futures=True)
         self._executor = self._remake()

@@ -74,7 +74,7 @@ class _Program:
 
 def _program() -> _Program:
     if _ending.is_set():
-        raise Error("the study was stopped", "start it again: it goes on")
+        raise Error("the study was stopped", "start it again: it continues")
     program = getattr(_local, "program", None)
     if program is None or program.owner != os.getpid() or program.process.poll() is not None:
         program = _local.program = _Program()
@@ -157,7 +157,7 @@ def _ended(words: list[str], folder: str) -> tuple[int, str, str]:
         if code >= 0:
             break
     if _ending.is_set():
-        raise Error("the study was stopped", "start it again: it goes on")
+        raise Error("the study was stopped", "start it again: it continues")
     return code, out, err
 
 

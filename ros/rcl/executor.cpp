@@ -32,9 +32,9 @@ double Incoming::note_times(std::int64_t sent_ns, std::int64_t received_ns) {
 Executor::~Executor() { stop(); }
 
 std::string Executor::late(double patience_s) const {
-  if (gaps_.settles()) return kStoodStill;
+  if (gaps_.settles()) return kStalled;
   if (seconds(host_now() - sent()) <= patience_s) return {};
-  return "it waited in this computer, which is overloaded, for longer than its sender does: ask again";
+  return "it waited on this overloaded computer for longer than its sender does: send it again";
 }
 
 void Executor::start() {

@@ -71,18 +71,17 @@ void RequestHandler::keep_patience(const JsonFields& fields, HostTime not_before
     if (asked.ns < 0 || seconds(asked - pending.received) > kAhead)
       fields.expected("asked_ns", "this computer's CLOCK_MONOTONIC (see 'now_ns' of the answers)");
   }
-  if (asked < not_before) throw RequestRefused(std::string(name_of(Verdict::timeout)), kStoodStill);
+  if (asked < not_before) throw RequestRefused(std::string(name_of(Verdict::timeout)), kStalled);
   *pending.begin_by = asked.ns + static_cast<std::int64_t>(1e9 * patience);
   if (pending.received.ns <= *pending.begin_by) return;
   throw RequestRefused(std::string(name_of(Verdict::timeout)),
-                       fmt::format("it was asked {:.1f} s ago, its asker waits for {:g} s, and it is not "
-                                   "executed: look at the arms, then ask again",
+                       fmt::format("the request is {:.1f} s old, its sender waits for {:g} s, and it is not executed: look at the arms, then send it again",
                                    seconds(pending.received - asked), patience));
 }
 
 void RequestHandler::check_whose_arms(const JsonFields& fields) const {
   if (run_.stops_only)
-    fields.refuse("this program commands its arms by itself; others may ask for 'stop', 'state' and 'list'");
+    fields.refuse("this program commands its arms by itself; it accepts only 'stop', 'state' and 'list'");
 }
 
 void RequestHandler::abandon(Pending& pending) {

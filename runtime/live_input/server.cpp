@@ -191,8 +191,7 @@ void LiveServer::send_away(Client& client) {
   client.gone = true;
   answer(client,
          refusal("too_many_clients",
-                 "64 clients are connected, and this one, which asked nothing for longest, made room for "
-                 "another: close connections that are not used, then connect again"),
+                 "64 clients are connected, and this one, silent for longest, was closed for another: close unused connections, then connect again"),
          nullptr);
 }
 
@@ -310,8 +309,7 @@ void LiveServer::take_line(Client& client, const Waiting& waiting) {
   if (const auto dropped = std::exchange(client.dropped, 0)) {
     answer(client,
            refusal("queue_full", std::to_string(dropped) +
-                                     " requests were not executed: more waited than this client may have "
-                                     "unanswered; read the answers"),
+                                     " requests were not executed: this client has too many unanswered requests; read the answers"),
            nullptr);
   }
   if (line.too_long) return refuse(client, refusal("malformed", "a line has at most 65536 bytes"), id);

@@ -329,7 +329,7 @@ TEST_F(ServerTest, AfterAGapOnlyAStopIsExecuted) {
   const json refused = asking.next();
   EXPECT_EQ(refused["id"], 1);
   EXPECT_EQ(refused["verdict"], "timeout");
-  EXPECT_THAT(refused["reason"].get<std::string>(), HasSubstr("stood still"));
+  EXPECT_THAT(refused["reason"].get<std::string>(), HasSubstr("stalled"));
   fixture_.steps(2);
   EXPECT_EQ(asking.next()["stopped"], json::array({"arm1"}));
   EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("arm0_hold"));
@@ -377,7 +377,7 @@ TEST_F(ServerTest, AGapWithinATurnCountsToo) {
   first_pause_over = true;
   const json answer = asking.next();
   EXPECT_EQ(answer["verdict"], "timeout") << answer;
-  EXPECT_THAT(answer["reason"].get<std::string>(), HasSubstr("stood still"));
+  EXPECT_THAT(answer["reason"].get<std::string>(), HasSubstr("stalled"));
 }
 
 // The server stands still, for less than a gap, while somebody asks and gives up. A client that only sends

@@ -176,7 +176,7 @@ class Saved(unittest.TestCase):
         # A changed number is another world: its bits tell.
         number = np.array([123.25], dtype=">f4").tobytes()  # CBOR stores what fits as a float of 4 bytes
         self.assertEqual(saved.count(number), 1)
-        with self.assertRaisesRegex(ValueError, "other bits"):
+        with self.assertRaisesRegex(ValueError, "last bits"):
             world.restore(saved.replace(number, np.array([321.5], dtype=">f4").tobytes()))
 
 

@@ -252,10 +252,10 @@ class Standstill(unittest.TestCase):
         for client, count in clients[:2]:
             for answer in client.answers(count):
                 self.assertEqual((answer["ok"], answer["verdict"]), (False, "timeout"), answer)
-                self.assertRegex(answer["reason"], "stood still|is not executed")
+                self.assertRegex(answer["reason"], "stalled|is not executed")
             client.close()
         self.assertEqual(late.wait(PATIENCE), 1)
-        self.assertRegex(late.stderr.read(), "stood still|no answer")
+        self.assertRegex(late.stderr.read(), "stalled|no answer")
         late.stderr.close()
         publisher.close()
         # Somebody who looks at the arm and asks again is heard.

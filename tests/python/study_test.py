@@ -403,7 +403,7 @@ sys.exit(3 if mode == "bad" else 0)
         process.send_signal(signal.SIGINT)
         self.assertEqual(process.wait(PATIENCE), 130)
         self.assertLess(time.monotonic() - begin, 30)  # of 60 s
-        self.assertIn("goes on where it was", process.stderr.read())
+        self.assertIn("resumes it", process.stderr.read())
 
     def test_variants_of_an_experiment_are_runs_of_their_own(self):
         words = [os.environ["MULTIPANDA_PROGRAM"], "experiment", "list", "--json"]

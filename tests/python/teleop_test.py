@@ -408,7 +408,7 @@ class Leading(unittest.TestCase):
             for law, options, expected in (
                 ("cartesian", {"axes": "camera"}, "base or hand"),
                 ("cartesian", {"rate_hz": 5}, "20 to 200"),
-                ("joint", {"name": "joints"}, "leads a pose"),
+                ("joint", {"name": "joints"}, "commands a pose"),
             ):
                 with self.assertRaisesRegex(ValueError, expected):
                     mouse.jog(run[law], **options)

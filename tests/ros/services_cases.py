@@ -179,7 +179,7 @@ class ModeServices(RosCase):
             self.wait(future.done, "an answer")
         answers = [future.result() for future in asked]
         self.assertEqual([answer.verdict for answer in answers[:2]], ["timeout", "timeout"])
-        self.assertRegex(answers[2].message, "stood still|asked too long ago")
+        self.assertRegex(answers[2].message, "stalled|too old")
         self.assertTrue(answers[3].success, answers[3].message)
         self.assertTrue(self.owned("left", "left_hold").stopped)
         time.sleep(0.5)  # what may wait for a while longer

@@ -266,7 +266,7 @@ export async function carriedOut(
   held = false,
 ): Promise<void> {
   const begun = Date.now();
-  const late = page.getByText(/ask again once it shows new states/);
+  const late = page.getByText(/repeat it once the page shows new states/);
   while (!(await done())) {
     if ((await late.count()) > 0) throw new Late("the page had not seen a new state for too long");
     if (held && !(await page.evaluate(() => window.cockpit.held()))) throw new Late("the hold has ended by itself");

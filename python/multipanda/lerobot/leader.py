@@ -64,7 +64,7 @@ class ArmsLeader(Connected):
             owned = state.arms[leader]
             if owned.stopped or owned.errors:
                 why = client.lost_by(guide, owned)
-                raise Refused("arm_not_ready", f"the leader '{leader}' cannot be led: {why}")
+                raise Refused("arm_not_ready", f"the leader '{leader}' cannot be guided by hand: {why}")
             if not (owned.held or owned.controllet == guide or started_here(client)):
                 raise Refused(
                     "two_owners",

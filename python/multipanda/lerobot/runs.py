@@ -35,7 +35,7 @@ def close_run(client: Client) -> None:
     try:
         client.close()
     except (Error, OSError) as wrong:
-        _LOGGER.error("the run did not end in order: %s", wrong)
+        _LOGGER.error("the run did not end properly: %s", wrong)
 
 
 class Connected:

@@ -177,7 +177,7 @@ class SpaceMouseSettings(RunSettings):
         if len(self.arms) > 1 and set(self.devices) != set(self.arms):
             raise ValueError(f"devices: expected one for each of the arms {', '.join(self.arms)}")
         if self.scene is not None:
-            raise ValueError("scene: a SpaceMouse leads arms of the robot's run: name its socket, or nothing")
+            raise ValueError("scene: a SpaceMouse moves arms of the robot's run: name its socket, or nothing")
         if self.axes not in ("base", "hand"):
             raise ValueError(f"axes: expected base or hand, found {self.axes!r}")
         if self.gripper_button and not 3 <= self.gripper_button <= 32:

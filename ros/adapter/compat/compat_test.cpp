@@ -193,7 +193,7 @@ TEST_F(Compat, WhatCannotStartAgainIsHeld) {
                          {"panda_joint_impedance_controller", "right"}};
   reluctant = true;
   refuse_set(both);
-  EXPECT_THAT(trouble("compat ~/set_controllers"), HasSubstr("what was active of it has ended"));
+  EXPECT_THAT(trouble("compat ~/set_controllers"), HasSubstr("its active controllets have ended"));
   EXPECT_EQ(owner(0), "left_hold");
   EXPECT_EQ(owner(1), "right_hold");
   reluctant = false;

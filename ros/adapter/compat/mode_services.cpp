@@ -182,7 +182,7 @@ void CompatModes::switch_to(const std::map<InstanceIndex, std::string>& asked,
           kSet, fmt::format("{} ({}): {}; 'state' shows the modes of the arms, 'recover' clears an error",
                             to_string(result.verdicts[bad]), joined(names_of(*run_.modes, start.activate)),
                             requests.front().deactivate != 0
-                                ? "what was active of it has ended, and its arms are held"
+                                ? "its active controllets have ended, and their arms are held"
                                 : "nothing has started, but the parameters of its names are set"));
     }
     const InstanceSet others = laws & ~result.answer.plan.start;  // started by another request in that cycle

@@ -58,7 +58,7 @@ std::string InputPort::obstacle(const Target& target, double waited_s, const voi
   // A message delayed this long by an overloaded computer was meant for another position of the arm.
   const double patience = stream ? reference_->spec().timeout_s : MultimodeController::kPatience;
   if (waited_s > patience)
-    return fmt::format("it waited for more than {:g} s in this computer, which is overloaded", patience);
+    return fmt::format("it waited for more than {:g} s on this overloaded computer", patience);
   if (std::string why = run_.executor->late(patience); !why.empty()) return why;
   const Request request = request_for(target);
   const Verdict verdict = run_.modes->check_sample(request);

@@ -88,7 +88,7 @@ export function rounded(value: number, step: number): number {
   return Number(value.toFixed(digits));
 }
 
-export const kHoldHint = "Hold it until the arm stands still; let go earlier, and the arm is held.";
+export const kHoldHint = "Press it until the arm rests; if you release it earlier, the arm is held.";
 
 /** A button for what may move an arm: it asks the run once, and is held until the arm stands still. */
 export function holdButton(

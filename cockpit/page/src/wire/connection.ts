@@ -27,7 +27,7 @@ export function closeText(code: number, reason: string): { why: string; again: b
     return { why: "The token in the address is wrong. Open the address that the program printed.", again: false };
   if (code === 1001) return { why: reason || "The run has ended.", again: false };
   if (code === 1008)
-    return { why: reason || "The run closed the connection: too much was sent or left unread.", again: true };
+    return { why: reason || "The run closed the connection: too many messages were sent or left unread.", again: true };
   return { why: "The connection to the run is lost.", again: true };
 }
 
