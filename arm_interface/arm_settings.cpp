@@ -110,7 +110,7 @@ std::string check_end_effector(const Pose& X_FE, const ArmModel& model) {
 std::string check_load(const Load& load, const ArmModel& model) {
   if (auto why = check_load(load); !why.empty()) return why;
   std::array<char, 320> text;
-  // A center of mass too far out for the weakest joint is a mistake, which the arm would compensate upwards.
+  // A center of mass too far out for the weakest joint is a mistake; compensating it would push the arm up.
   constexpr double kGravity = 9.81;
   const double moment = kGravity * load.mass * load.p_FC.norm();
   double most = std::numeric_limits<double>::infinity();

@@ -15,7 +15,7 @@ class CommandSuccess {
  public:
   static constexpr double kLow = 0.9;   // [1]
   static constexpr double kPause = 60;  // [s] between two warnings
-  static constexpr int kPeriods = 100;  // window of the arm's rate; invalid in younger motions
+  static constexpr int kPeriods = 100;  // window of the arm's rate; invalid in shorter motions
   // A motion begins before its first command. The arm counts these periods as missed, up to its tolerance;
   // they cause no warning.
   static constexpr int kBeginning = 20;

@@ -10,7 +10,7 @@ namespace multipanda::cli {
 
 // --backend, --log and --address of the commands that run arms.
 struct BackendArguments {
-  std::string backend;                 // empty: as the scene says
+  std::string backend;                 // empty: as in the scene
   std::vector<std::string> addresses;  // "left=127.0.0.1"
   std::string log;                     // of the backend replay
 };

@@ -218,7 +218,7 @@ int ask(const CtlOptions& options, json request) {
   const bool is_state = is_gripper && is("action", "state");
   const std::string arm = is_state ? request["arm"].get<std::string>() : "";
   if (is_state) request = {{"do", "state"}};
-  if (is("do", "resume")) {  // a stop that comes from now on is not meant
+  if (is("do", "resume")) {  // later stops are not resumed
     const json seen = client.ask({{"do", "state"}});
     if (seen.value("ok", false)) request["stops"] = seen["state"]["stops"];
   }

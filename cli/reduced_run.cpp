@@ -51,8 +51,8 @@ bool has_physical_arms(const Scene& scene) {
   return std::any_of(scene.arms.begin(), scene.arms.end(), is_physical);
 }
 
-// A scene that was changed is another one, and so is one whose plug-ins or models were, or that runs on other
-// arms: its laws and limits are in them. FNV-1a, which stays the same between builds.
+// A scene counts as another one if it, its plug-ins or its models changed, or if it runs on other arms, since
+// all of them define laws and limits. FNV-1a, which stays the same between builds.
 std::string key_of(const Scene& scene) {
   std::uint64_t hash = 0xcbf29ce484222325u;
   const auto add = [&hash](char c) { hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u; };

@@ -23,7 +23,7 @@ namespace {
 // terminal is restored afterwards.
 class KeyWatch {
  public:
-  // `late`: perhaps pressed before this program stood still (GapWatch).
+  // `late`: perhaps pressed before this program stalled (GapWatch).
   using OnKey = std::function<void(char key, bool late)>;
   explicit KeyWatch(OnKey on_key);
   ~KeyWatch();

@@ -68,7 +68,7 @@ class ArmsRun {
 
   void lead(ArmIndex arm, Law law);  // throws ArmLeft with the verdict of a refused switch
   void stop(ArmIndex arm);           // the stop of every run: hold until resume()
-  // Ends stop(), and no other stop: throws ArmLeft if somebody has stopped the arm since.
+  // Ends stop(), and no other stop: throws ArmLeft if the arm was stopped again since.
   void resume(ArmIndex arm);
   void joint_goal(ArmIndex arm, const JointVector& q, double seconds);
   void pose_goal(ArmIndex arm, const Pose& X_WE, double seconds);
@@ -91,7 +91,7 @@ class ArmsRun {
   std::vector<InstanceIndex> expected_;
   std::optional<ArmIndex> excused_;
   std::uint64_t cycle_ = 0, expected_from_ = 0;  // the newest record's; since when expected_ holds
-  std::optional<ArmIndex> stopping_;             // asked to hold, and not yet seen in hold
+  std::optional<ArmIndex> stopping_;             // requested to hold, and not yet observed in hold
   HostTime stopped_by_;                          // end of the cycle that did so
   double t_ = 0;
   bool recording_ = false;

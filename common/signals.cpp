@@ -49,7 +49,7 @@ void SignalWatch::watch() {
     if (first) continue;
     first = Clock::now();
     on_first_(signal);
-    // Pressed while that took its time, perhaps longer than kPatience.
+    // Pressed during that, perhaps later than kPatience.
     pollfd waiting{signal_file_, POLLIN, 0};
     while (poll(&waiting, 1, 0) > 0 && read(signal_file_, &info, sizeof(info)) > 0) {
     }

@@ -241,10 +241,10 @@ mjsBody* ground_of(mjSpec* spec, const WorldArm& arm) {
   return ground;
 }
 
-// What overlaps where an arm stands on another one: its base is mounted inside the shapes of the link below
-// and of that link's neighbors, and its first link turns in the former. MuJoCo ignores such pairs by itself,
-// as long as they count as parent and child; they are named all the same, as those of an arm are (to_mjcf): a
-// pair that always touches would push the two arms apart.
+// Pairs that overlap where an arm stands on another one: its base is mounted inside the shapes of the link
+// below and of that link's neighbors, and its first link turns inside the former. MuJoCo ignores parent and
+// child by itself; all pairs are excluded explicitly, as in to_mjcf, because a pair in permanent contact
+// would push the arms apart.
 void exclude_mount(mjSpec* spec, const WorldArm& arm) {
   if (!arm.carrier) return;
   const auto exclude = [&](std::size_t own, std::size_t below) {
@@ -259,8 +259,8 @@ void exclude_mount(mjSpec* spec, const WorldArm& arm) {
   exclude(1, ground);
 }
 
-// link0 and link1 do not touch fixed objects, on which they are mounted (kBaseBits), but those on a
-// carrier do.
+// link0 and link1 do not collide with fixed objects, on which they are mounted (kBaseBits); those of a
+// carried arm do.
 void let_touch(mjSpec* child, const char* link) {
   mjsBody* body = mjs_findBody(child, link);
   for (mjsElement* e = mjs_firstChild(body, mjOBJ_GEOM, 0); e != nullptr; e = mjs_nextChild(body, e, 0)) {

@@ -10,7 +10,7 @@
 
 namespace multipanda {
 
-// What the joint sensors of a Franka arm show, by states that two Pandas and a Franka Research 3 sent
+// The joint sensors of a Franka arm, modeled on states that two Pandas and a Franka Research 3 sent
 // (docs/like_a_real_arm.md):
 //
 //   tau_J            + an offset that the seed draws, + noise, on a grid
@@ -43,8 +43,8 @@ class ArmSensors {
   std::normal_distribution<double> normal_;
 };
 
-// Friction behind the torque sensors, which therefore measure it, as found on the same arms. None: of another
-// arm nothing is known.
+// Friction on the link side of the torque sensors, which therefore measure it, as found on the same arms.
+// None for other arms, of which nothing is known.
 std::optional<FrictionLaw> usual_link_friction(const RobotDescription& robot);
 
 }  // namespace multipanda

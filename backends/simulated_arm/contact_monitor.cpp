@@ -61,7 +61,7 @@ void ContactMonitor::reset() {
   joint_collision_ = cartesian_collision_ = {};
 }
 
-// The torque that holds the excess of the hand.
+// The torque that supports the hand's declared excess.
 JointVector ContactMonitor::excess_weight(ModelTerms& terms, const Jacobian& J_V_WK) const {
   constexpr double kGravity = 9.81;
   const Vector3 weight(0, 0, -kGravity);

@@ -7,16 +7,16 @@
 
 namespace multipanda {
 
-// The arm's settings name its hand with rounded figures: what they have beyond the arm's model.
+// The arm's settings declare its hand with rounded figures: the difference from the arm's model.
 struct MassExcess {
   double mass = 0;                   // [kg]
   Vector3 moment = Vector3::Zero();  // mass times center, in F [kg m]
 };
 
 // Contact detection of the arm: external torques and the wrench at K from the momentum observer
-// (core/state/external_force.hpp) with the arm's own model. Real arms' own estimate follows through two
-// first-order stages, and counts the hand that their settings name. For each joint and axis of K (x y z roll
-// pitch yaw), with absolute values:
+// (core/state/external_force.hpp) with the arm's own model. The estimate of real arms adds two first-order
+// stages and the hand as declared in their settings. For each joint and axis of K (x y z roll pitch yaw),
+// with absolute values:
 //
 //   above lower: contact;  above upper: collision, which stops a moving arm
 //

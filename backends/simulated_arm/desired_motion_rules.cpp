@@ -155,8 +155,8 @@ void DesiredMotion::report(ArmError error, const Worst& worst) {
   if (worst.found()) report(error, worst.index, worst.value, worst.limit);
 }
 
-// As real arms are reported to (docs/like_a_real_arm.md): a step is no excess of velocity, and a step of a
-// commanded velocity none of acceleration either.
+// As reported of real arms (docs/like_a_real_arm.md): a step does not raise the velocity flag, and a step of
+// a commanded velocity does not raise the acceleration flag either.
 void DesiredMotion::report(ArmError of_velocity, const Worst& velocity, const Worst& acceleration,
                            const Worst& jerk) {
   const auto next = [of_velocity](int k) {  // the flags of acceleration and jerk follow it

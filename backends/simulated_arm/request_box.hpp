@@ -45,12 +45,12 @@ std::string_view to_string(ArmReply reply);
 class RequestBox {
  public:
   static constexpr std::size_t kSlots = 64;         // largest number of pending requests ...
-  static constexpr std::size_t kOnlyForStops = 16;  // ... of which these are only for what ends a motion
+  static constexpr std::size_t kOnlyForStops = 16;  // ... of which these are reserved for requests that end a motion
 
   // Requests that the loop finds after `patience_s` are refused.
   explicit RequestBox(double patience_s = kRequestPatience);
   ~RequestBox();
-  // For a loop on the wall clock: what was posted before it stood still (GapWatch) is refused, too.
+  // For a loop on the wall clock: requests posted before it stalled (GapWatch) are refused, too.
   void refuse_after_gaps() { watches_gaps_ = true; }
   RequestBox(const RequestBox&) = delete;
   RequestBox& operator=(const RequestBox&) = delete;

@@ -61,7 +61,7 @@ void Clients::on_stop_between_runs(std::function<void()> call) {
   stop_between_runs_ = std::move(call);
 }
 
-// The source will not answer any more; a Stop in force must outlast it.
+// The source no longer answers; an active Stop must outlast it.
 void Clients::leave_source(const std::string& reason) {
   if (hold_.begun()) end_hold("the run has ended", control_.holder());
   for (Page& page : pages_) {
@@ -140,7 +140,7 @@ void Clients::take(Hub::Client& client, const json& message, HostTime arrived) {
       else if (!is_stop(message))
         fields.expected("id", "a number or a text");
     }
-    // Looking moves nothing, and a page asks once for what it shows.
+    // Queries move nothing, and a page sends them only once.
     const std::string word = message.value("do", "");
     const bool looks = word == "subscribe" || word == "unsubscribe" || word == "plot";
     if (!looks && !is_stop(message) && late) throw RequestRefused("timeout", kStalled);
@@ -320,19 +320,19 @@ void Clients::send_control() {
   for (Page& page : pages_) page.client->send({{"control", control_of(page)}});
 }
 
-// Whether the beats of this page are about now. A connection that stood still delivers all at once what was
-// said meanwhile, presses that have long been let go included; but the page cannot have said it after a state
-// that it had not seen. So beats count from pages that have seen a new state, sent after the hold that the
-// run has ended.
+// Whether the beats of this page are current. A connection that stalled delivers old messages all at once,
+// including beats of buttons that were released long ago. But these are older than any state that the page
+// has not yet confirmed. So beats count only from a page that has confirmed a state sent after the end of the
+// last hold.
 bool Clients::sees_now(const Page& page, HostTime now) const {
   if (page.period.count() == 0) return true;  // takes no states
   return page.seen_sent > hold_ended_ && now - page.seen_sent <= kOldestSeen + page.period;
 }
 
-// A connection that stood still delivers requests late, too: a gripper would close on the hand of whoever
-// thought that it did not work. A page has asked between the state that it saw last and the next one, so the
-// age of that state bounds the request's; a client that takes no states, or a run without a first cycle,
-// whose arms may have to be recovered or reconnected, has no such protection.
+// A connection that stalled delivers requests late, too: a gripper could close on a hand that reaches in. A
+// page sends a request after the last state that it confirmed, so the age of that state bounds the age of the
+// request. A client that receives no states has no such protection, nor has a run before its first cycle,
+// whose arms may have to be recovered or reconnected.
 bool Clients::lags(const Page& page, HostTime now) const {
   if (page.period.count() == 0 || (page.shown == 0 && source_->newest() == 0)) return false;
   return now - std::max(page.subscribed, page.seen_sent) > kOldestAsked + page.period;

@@ -16,16 +16,16 @@
 
 namespace multipanda::cockpit {
 
-// What clients of a cockpit see and may do (cockpit/WIRE.md): states and news for all, one in control, and
-// motion only while it holds a button.
+// What clients of a cockpit receive and may do (cockpit/WIRE.md): states and events for all, control for one,
+// and motion only while that one holds a button.
 class Clients final : public Hub::Handler {
  public:
   // Shows this source, or nothing. After the return the old one is no longer used. For any thread of
   // the program.
   void show(std::shared_ptr<Source> source, const std::string& reason = "the run has ended");
-  // For a program that shows one run after the other. `call`: a Stop has come between two of them, or nobody
-  // has resumed it when its run ended, so the next one must not begin. Called by any thread, this object
-  // locked. Without it, a Stop is refused while no run is shown.
+  // For a program that shows one run after the other. `call`: a Stop arrived between two runs, or was not
+  // resumed before its run ended, so the next run must not begin. Called by any thread, this object locked.
+  // Without it, a Stop is refused while no run is shown.
   void on_stop_between_runs(std::function<void()> call);
 
   void join(Hub::Client& client, const nlohmann::json& id) override;
@@ -89,7 +89,7 @@ class Clients final : public Hub::Handler {
   DeadMan hold_;
   HostTime hold_ended_;  // by this object itself
   bool held_before_ = false;
-  std::uint64_t stops_ = 0, resumed_ = 0;  // number of Stops; and of those no longer in force
+  std::uint64_t stops_ = 0, resumed_ = 0;  // number of Stops, and of those that have ended
   std::function<void()> stop_between_runs_;
 };
 

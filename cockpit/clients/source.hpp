@@ -58,15 +58,15 @@ class Source {
 
   // --- requests ---
   virtual std::vector<std::string> commands() const = 0;       // that ask() takes
-  virtual bool is_open(const std::string& command) const = 0;  // a watcher may ask for it
+  virtual bool is_open(const std::string& command) const = 0;  // a watcher may request it
   // It may move an arm, so it needs a hold. Throws RequestRefused.
   virtual bool moves(const nlohmann::json& request) const = 0;
   // Throws RequestRefused.
   virtual std::variant<Reply, Later> ask(const nlohmann::json& request, HostTime arrived) = 0;
   // Arms that 'stop' has stopped wait for 'resume'.
   virtual bool is_stopped() const { return false; }
-  // The hold is over: what it has moved comes to rest. `hold`: its controllets end, too. Returns why some of
-  // them end although the operator has let go; empty: none does.
+  // The hold has ended: everything that it moved comes to rest. `hold`: its controllets end, too. Returns why
+  // some of them end although the operator released the button; empty: none does.
   virtual std::string come_to_rest(bool hold) = 0;
 };
 

@@ -9,8 +9,7 @@
 
 namespace multipanda::cockpit {
 
-// What a hold has moved, and how it comes to rest when the hold ends: inputs of controllets, and controllets
-// that it has activated or changed otherwise.
+// Inputs and controllets that a hold has moved, activated or changed, and how they come to rest when it ends.
 class MovedInputs {
  public:
   explicit MovedInputs(MultimodeController& modes) : modes_(modes) {}
@@ -22,10 +21,10 @@ class MovedInputs {
   void add_ticket(std::uint64_t ticket) { tickets_.push_back(ticket); }
 
   // Set-points stop: poses and joints brake from the newest two records, twists and wrenches go to zero,
-  // scalars stay and count as changes. Nobody can tell how far a change still leads, so the controllets that
-  // have one end, and hold takes their arms, unless these have stood still for kStill since; a person moves
-  // those of a guided one. `deactivate`: all of these controllets end. Requests that wait are taken back
-  // first. Whatever cannot be done stops the arms. Returns those that ended although not all had to.
+  // scalars stay and count as changes. How far a change still moves an arm is unknown, so controllets with a
+  // change end and their arms are held, unless the arms have rested for kStill since, or a person guides
+  // them. `deactivate`: all of these controllets end. Pending requests are withdrawn first. If something
+  // fails, the arms are stopped. Returns the controllets that ended although not all had to.
   static constexpr double kStill = 0.3;      // longer than any ramp takes to begin a motion [s]
   static constexpr double kStillest = 0.01;  // of each joint [rad/s]
   InstanceSet come_to_rest(const RecordReader& records, bool deactivate);

@@ -192,7 +192,7 @@ bool RunSource::moves_parameter(const Request& request) const {
 std::variant<Reply, Later> RunSource::ask(const json& request, HostTime arrived) {
   const std::string word = request.at("do").get<std::string>();
   if (word == "histogram") return Reply{.answer = records_.histogram(), .numbers = {}};
-  // Nothing begins for a page that is gone.
+  // No request of a closed page begins.
   const std::shared_ptr<RequestHandler::Pending> pending(new RequestHandler::Pending,
                                                          [this](RequestHandler::Pending* gone) {
                                                            handler_.abandon(*gone);
@@ -233,7 +233,7 @@ void RunSource::note_moved(const json& request, const std::shared_ptr<RequestHan
   } else if (asked->kind == Request::Kind::set_target) {
     moved_.add(asked->instance, asked->index);
     const Quantity quantity = modes.instance(asked->instance).inputs()[asked->index].spec().quantity;
-    if (quantity == Quantity::scalar) note(asked->instance);  // nobody can tell what it leads
+    if (quantity == Quantity::scalar) note(asked->instance);  // what it moves is unknown
   } else if (asked->kind == Request::Kind::switch_controllets) {
     for_each(asked->activate, note);
   } else {

@@ -15,7 +15,7 @@
 
 namespace multipanda::cockpit {
 
-// A run: its shared records, and the requests that its socket takes, with the same refusals.
+// A run: its shared records, and the requests of its socket, with the same refusals.
 class RunSource final : public Source {
  public:
   // `session` (with share_records) must outlive this; `objects` may be nullptr. Throws std::runtime_error if

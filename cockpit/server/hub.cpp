@@ -20,7 +20,7 @@ using nlohmann::json;
 
 constexpr double kShare = 1e-3;  // of a turn for the messages of one client: they must not delay a stop [s]
 constexpr std::size_t kRead = 1u << 20;         // unread bytes of the page server [bytes]
-constexpr std::size_t kMostUnread = 64u << 20;  // bytes that it does not read: it hangs [bytes]
+constexpr std::size_t kMostUnread = 64u << 20;  // unread bytes from which on it counts as hung [bytes]
 constexpr std::size_t kHead = 4 + 1 + 8 + 8;    // of a frame, as in page_server.py [bytes]
 constexpr int kPatience = 20'000;  // until it listens, and until it has told its clients of the end [ms]
 constexpr std::chrono::milliseconds kFarewell{1500};
@@ -157,7 +157,8 @@ void Hub::run() {
       take_waiting(peer);
       if (peer.unsent() > limits_.unsent) peer.close(CloseCode::policy, "messages are not read");
     }
-    // Without a server there is no client. One that hangs ends: it would go on with clients that are none.
+    // Without a server there are no clients. A hung server is ended: it would continue with clients that no
+    // longer count.
     const bool gone = said_ || channel_->ended() || channel_->unsent() > kMostUnread;
     std::erase_if(peers_, [&](Peer& peer) {
       if (peer.left || gone) handler_.leave(peer);
@@ -200,12 +201,12 @@ void Hub::take(Frame& frame) {
       peer->written += static_cast<std::size_t>(frame.number);
       return;
     default:
-      peer->left = true;  // what it asked for and has not begun does not begin
+      peer->left = true;  // its pending requests do not begin
       peer->waiting.clear();
   }
 }
 
-// What is urgent at once, also while the connection closes; the rest in its turn.
+// Urgent messages at once, also while the connection closes; the others in turn.
 void Hub::take_text(Peer& peer, std::string text, HostTime arrived, bool beyond_limits) {
   if (handler_.is_urgent(text)) return handler_.take(peer, parsed(text), arrived);
   if (peer.closing || beyond_limits) return;

@@ -34,9 +34,9 @@ struct HubLimits {
 // Why a connection ends (RFC 6455, section 7.4.1).
 enum class CloseCode : std::uint16_t { normal = 1000, going_away = 1001, policy = 1008 };
 
-// Brings the clients of a page server (page_server.py), a process of its own that serves the page and its
+// Connects the clients of a page server (page_server.py), a process of its own that serves the page and its
 // WebSockets on 127.0.0.1, to a handler, in a thread of its own. It never waits for a client. The handler
-// says which messages are urgent: they overtake others, and count beyond the limits and after the end.
+// decides which messages are urgent: they overtake others, and count beyond the limits and after the end.
 class Hub {
  public:
   // A WebSocket with a valid token. Used on the hub's thread only.
@@ -56,7 +56,7 @@ class Hub {
     virtual ~Handler() = default;
     virtual void join(Client& client, const nlohmann::json& id) = 0;  // `id`: of its first message
     virtual bool is_urgent(const std::string& /*message*/) const { return false; }
-    // `arrived`: 0 if the page server stood still meanwhile, so that it may be of long ago.
+    // `arrived`: 0 if the page server stalled meanwhile, so that it may be old.
     virtual void take(Client& client, const nlohmann::json& message, HostTime arrived) = 0;
     virtual void leave(Client& client) = 0;
     // Called after every message, and at the latest after the time that it returned last.

@@ -1,5 +1,4 @@
-"""The cockpit's page server: HTTP and WebSockets for browsers, in a process of its own, so that nothing that a browser
-sends is parsed in the process that moves arms. It checks hosts, origins and the token, keeps the limits (WIRE.md), and
+"""The cockpit's page server: HTTP and WebSockets for browsers, in a process of its own, so that the process that moves arms parses nothing from a browser. It checks hosts, origins and the token, keeps the limits (WIRE.md), and
 passes messages on as canonical JSON over descriptor 3, a stream socket to the run. A frame there, both ways: size of
 the payload, kind, client, number (little-endian), payload.
 
@@ -78,7 +77,7 @@ def load_page(folder):
 
 
 class Gaps:
-    """Notices that this process stood still: what waited meanwhile may be of somebody who has given up
+    """Detects that this process stalled: messages that waited meanwhile may be of a sender who has given up
     (core/types/gap_watch.hpp does the same for the run)."""
 
     LONGEST, SETTLE, LOOKS = 0.5, 0.25, 4  # [s], [s], looks of the event loop
@@ -114,7 +113,7 @@ def canonical(text):
 
 
 class Connection(ServerConnection):
-    """Whatever it has sent is handled at once, so reads are short: a flood of one must not delay a stop of another."""
+    """All received messages are handled at once, so reads are short: a flood of one client must not delay a stop of another."""
 
     def connection_made(self, transport):
         transport.max_size = 4096  # of a read [bytes]
@@ -141,7 +140,7 @@ class Client:
         self.more.set()
 
     async def write(self, tell):
-        """Sends what the run says, in its order, as fast as the client reads."""
+        """Sends the run's messages in their order, as fast as the client reads."""
         with contextlib.suppress(ConnectionClosed):
             while True:
                 while self.queue:
@@ -324,7 +323,7 @@ def main():
     parser.add_argument("--or-any", action="store_true")
     parser.add_argument("--limits", type=json.loads, required=True)
     arguments = parser.parse_args()
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)  # connections that say nothing lock nobody out
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)  # silent connections must not block others
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(most, 65536) if most > 0 else 65536, most))
     try:
         files, listening = load_page(arguments.page), listen(arguments.port, arguments.or_any)

@@ -15,7 +15,7 @@
 namespace multipanda::cockpit {
 
 // Virtual arms, which programs command over the network: their states, stop buttons, the fault commands of
-// `virtual-arm`, and the objects of their world. Nothing here moves an arm.
+// `virtual-arm`, and the objects of their world. It moves no arm.
 class VirtualSource final : public Source {
  public:
   // `arms` calls feed.take(); both outlive this. Throws std::runtime_error without memory.

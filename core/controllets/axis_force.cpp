@@ -31,8 +31,8 @@ void AxisForce::select(bool selected, double dt) {
   selection_.towards(selected, dt);
 }
 
-// Pressing begins with the first contact. Under a desired force it ends beyond the way of loss only, so that
-// a bounce does not end it; an axis that was pushed back farther ends it within twice that way.
+// Pressing begins with the first contact. Under a desired force it ends only beyond the loss distance, so
+// that a bounce does not end it; an axis that was pushed back farther ends it within twice that distance.
 void AxisForce::update_contact(const AxisSettings& settings, const AxisState& now, int sign, double dt) {
   const bool plus = plus_.update(now.estimated, settings.threshold, dt);
   const bool minus = minus_.update(-now.estimated, settings.threshold, dt);
@@ -69,7 +69,7 @@ double AxisForce::update(const AxisSettings& settings, const AxisState& now, dou
     return std::min(std::max(0.0, now.room - pull), now.unfelt + borne_ * std::max(0.0, reaction));
   };
   const double up = room(plus_.force(), now.pull), down = room(minus_.force(), -now.pull);
-  // Continuous in F_d, also where the room is infinite.
+  // Continuous in F_d, also where the bound is infinite.
   const double against = std::max(0.0, 1 - std::abs(now.desired) / kind.pulls_up_to);
   const auto bound = [&](double left, bool along) {
     return along ? std::min(left, kind.most + 2 * std::abs(now.desired))

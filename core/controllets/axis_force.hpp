@@ -23,7 +23,7 @@ struct AxisKind {
   double least;        // below it, F_d has no direction [N, N m]
   double loss;         // distance beyond the last contact at which contact counts as lost [m, rad]
   double pulls_up_to;  // below it f may act against F_d, fading: a tool cannot pull on a surface [N, N m]
-  double most;         // f keeps to it against F_d, and to it + 2 |F_d| along F_d, whatever the room [N, N m]
+  double most;         // f is at most this against F_d, and this + 2 |F_d| along F_d, whatever the bound [N, N m]
 };
 inline constexpr AxisKind kForceAxis{
     .least = ForceDirection::kLeastForce, .loss = 0.005, .pulls_up_to = 2, .most = 60};
@@ -40,7 +40,7 @@ struct AxisSettings {
 // One axis at one instant.
 struct AxisState {
   double desired = 0, estimated = 0;  // F_d, F_hat [N, N m]
-  double speed = 0;                   // of the arm along it [m/s, rad/s]
+  double speed = 0;                   // of the arm along the axis [m/s, rad/s]
   double stiffness = 0;               // K_c along it [N/m, N m/rad]
   double room = 0;                    // bound on f and `pull` together [N, N m]
   double pull = 0;                    // along it, of the impedance, which fades out
@@ -83,10 +83,10 @@ class AxisForce {
   bool selected_ = false, contact_ = false, pressing_ = false;
 };
 
-// What each axis of a frame has of the inertia that it moves while the others are free to move [kg, kg m^2]:
-// axes with a weight that move the same joint share it. The largest eigenvalue of B_ij = sqrt(s_i s_j) A_ij /
-// sqrt(A_ii A_jj) is what they do to one mode together: 1 for axes that are not coupled. `mobility` A: in the
-// axes of the frame.
+// The share of each axis of a frame in the inertia that it moves while the others are free to move [kg, kg
+// m^2]: axes with a weight that move the same joint share it. The largest eigenvalue of B_ij = sqrt(s_i s_j)
+// A_ij / sqrt(A_ii A_jj) is their combined effect on one mode: 1 for axes that are not coupled. `mobility` A:
+// in the axes of the frame.
 Vector6 borne_inertias(const Matrix6& mobility, const Vector6& weight);
 
 // The share of a force that is left at the speed `along` it: 1 up to half the limit, 0 from one and a half

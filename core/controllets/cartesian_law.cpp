@@ -164,8 +164,8 @@ double bearable_part(double damping, double inertia) {
   return damping > most ? most / damping : 1;
 }
 
-// Factor on a torque of the null space, with which the hand presses with a twentieth of the bounds at most,
-// and a carriage with all of them: it may stand in a person's way while the hand rests.
+// Factor on a torque of the null space, so that it presses at the hand with a twentieth of the bounds at
+// most, and at a carriage with the full bounds: a carriage may meet a person while the hand rests.
 double share_within(const ContactBounds& contact, const OwnedArm& arm, const TaskSpace& task,
                     const JointVector& tau) {
   constexpr double kShare = 0.05;
@@ -182,8 +182,8 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
                               double spring_share) {
   const Eigen::Index n = arm.q().size();
   const JointMatrix& M = arm.terms->M();
-  // A self-motion that turns little but the wrist has hardly more inertia than one of its joints. Every arm
-  // bears kPosture, whether its model states rotors or not.
+  // A self-motion that turns mainly the wrist has hardly more inertia than one of its joints. Every arm is
+  // stable with kPosture, whether its model states rotors or not.
   constexpr double kPosture = 10;  // [N m/rad]
   const JointVector asked = JointVector::Constant(n, gains.stiffness);
   const JointVector K =

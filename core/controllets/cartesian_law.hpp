@@ -13,8 +13,7 @@ enum class Projector : std::uint8_t {
   dynamic,              // N = I - J^T J_bar^T: the null-space torque does not accelerate the end effector
   paper_pseudoinverse,  // N = (I - J^+ J)^T, as in the paper: accelerates the end effector through the
                         // coupling of M
-  damped_pseudoinverse  // the same with J^+ = J^T (J J^T + 0.2^2 I)^-1, as in the reference code: the posture
-                        // pulls at the hand, most in directions in which it moves little
+  damped_pseudoinverse  // the same with J^+ = J^T (J J^T + 0.2^2 I)^-1, as in the reference code: the posture pulls the hand, most where the hand hardly moves
 };
 enum class StiffnessAxes : std::uint8_t {
   world,
@@ -52,11 +51,11 @@ struct ImpedanceGains {
   bool leads() const {
     return translational_stiffness.minCoeff() >= kLedFrom && rotational_stiffness.minCoeff() >= kTurnedFrom;
   }
-  // Without velocity and acceleration along axes that have no stiffness to bring the hand back.
+  // The set-point without velocity and acceleration along axes that have no stiffness.
   CartesianTarget led(CartesianTarget target) const;
   // The damping of those axes for an inertia (6 x 6): kBrake times that.
   Matrix6 brake(const Matrix3& R_W_d, const Matrix6& inertia) const;
-  // D_c at E, world axes, for the stiffness K (6 x 6): designed, or given within what the inertia bears.
+  // D_c at E, world axes, for the stiffness K (6 x 6): designed, or given and limited by the inertia.
   Matrix6 damping(const Matrix3& R_W_d, const Matrix6& K, ModelTerms& terms) const;
   Matrix6 given_damping(const Matrix3& R_W_d) const;  // kLeastDampingTime K at least; not limited above
 
@@ -83,7 +82,7 @@ struct NullSpaceGains {
 // Forces of the law on one frame: world axes, at the origin of the frame.
 struct TaskForce {
   Vector6 error;                   // pose_error(X_d, X)
-  Vector6 spring;                  // gradient part [N, N m]; less what the bounds for contact take away
+  Vector6 spring;                  // gradient part [N, N m], after the bounds for contact
   Vector6 total;                   // spring + D (V_d - V) + Lambda A_d [+ C_c V_d]
   Vector6 pull = Vector6::Zero();  // total without damping, before the bounds
   Vector6 damping;                 // D V
@@ -96,17 +95,17 @@ struct TaskForce {
   }
 };
 
-// K_c x~ + D_c (V_d - V) + Lambda A_d [+ C_c V_d]; with DampingOf::velocity -D_c V. Of `asked`, what the arm
-// bears (damping_design.hpp).
+// K_c x~ + D_c (V_d - V) + Lambda A_d [+ C_c V_d]; with DampingOf::velocity -D_c V. `asked` is limited for
+// stability (damping_design.hpp).
 TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms);
 
 // tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M) or given. With N^T, the damping is
 // dissipative for any projector; -D_N dq inside N is not, unless N is symmetric and D_N the same for all
-// joints. K_N and D_N are what the self-motion bears (damping_design.hpp). Bounded in singular poses: the
-// eigenvalues of N stay within [0, 1]. Near a singular pose, the dynamic projector leaves a part of the
-// spring that presses with the hand (TaskSpace::press); within bounds for contact, the spring is scaled down
-// until that is a twentieth of theirs, and until it draws no prismatic joint with more than they allow a
-// hand. `spring_share` scales the spring only; D_N is designed for the full spring.
+// joints. K_N and D_N are limited by the inertia of the self-motion (damping_design.hpp). Bounded in singular
+// poses: the eigenvalues of N stay within [0, 1]. Near a singular pose, the dynamic projector leaves a part
+// of the spring that presses with the hand (TaskSpace::press); within bounds for contact, the spring is
+// scaled down until that is a twentieth of theirs, and until it draws no prismatic joint with more than they
+// allow a hand. `spring_share` scales the spring only; D_N is designed for the full spring.
 JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const JointVector& q_N,
                               double spring_share = 1);
 

@@ -6,11 +6,11 @@
 namespace multipanda {
 namespace {
 
-// Where the pull ends, over the greatest speed of a set-point: an undisturbed hand at that speed keeps a
-// third of the pull for friction and loads that nobody declared.
+// The speed at which the pull reaches zero, over the greatest speed of a set-point: an undisturbed hand at
+// that speed keeps a third of the pull for friction and undeclared loads.
 constexpr double kPullEnds = 1.5;
-// The most that the force falls with speed [N s/m]: it acts like damping, and some periods late more of it
-// would shake a light hand. The usual bounds need 160, those of a reduced run 200.
+// Largest slope of the force over speed [N s/m]: it acts like damping, and with some periods of delay a
+// larger one would shake a light hand. The usual bounds need 160, those of a reduced run 200.
 constexpr double kSteepest = 300;
 
 double share_of(double size, double greatest) {

@@ -5,8 +5,8 @@
 #include "core/model/arm_model.hpp"
 #include "core/types/spatial.hpp"
 
-// Bounds for an arm beside a person: on the speed of its hand and on what its set-point pulls with. They are
-// not a certified safety function. Loop thread, no allocation.
+// Bounds for an arm beside a person: on the speed of its hand and on the pull of its set-point. They are not
+// a certified safety function. Loop thread, no allocation.
 namespace multipanda {
 
 struct ContactBounds {
@@ -22,7 +22,7 @@ struct ContactBounds {
 
 ContactBounds tighter(const ContactBounds& a, const ContactBounds& b);
 
-// What is left of a pull, the part of a law that draws a hand to its moving set-point:
+// The bounded pull: the part of a law that pulls a hand to its moving set-point,
 //   P = K x~ + D V_d + Lambda A_d
 // Its moment acts with P min(1, (F_max + max(0, n^T D V)) / |P|), n = P / |P|. The damping -D V is kept
 // whole, so that it can only take energy; the pull may overcome it on the way along n. So
@@ -55,13 +55,13 @@ double largest_share(const Vector3& base, const Vector3& extra, double limit);
 // The largest component perpendicular to `across` for which the sum respects the limit.
 double left_beside(const Vector3& across, double limit);
 
-// What a prismatic joint moves, a carriage, may meet a person as a hand does: the bounds for contact hold for
-// the joint's own force as well. An arm without prismatic joints has no such share. For the loop's thread,
-// without allocation.
+// A carriage, which a prismatic joint moves, may touch a person as a hand does: the bounds for contact hold
+// for the joint's own force as well. Zero for an arm without prismatic joints. For the loop's thread, without
+// allocation.
 //
 // The largest share that the pulls `pull` of prismatic joints (n x 1) take of what bound_pull() allows along
 // their axes: above 1, too much. `damping` is D dq (n x 1), which a pull may overcome on its way. A carriage
-// that stands, for whatever reason, is then pushed with spring_force at most.
+// at rest is then pushed with spring_force at most.
 double carriage_share(const ContactBounds& bounds, const ArmModel& model, const JointVector& pull,
                       const JointVector& damping, const JointVector& dq);
 

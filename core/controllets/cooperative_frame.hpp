@@ -51,8 +51,8 @@ struct CooperativeFrame {
   Matrix6 L_a1, L_a2, L_r1, L_r2;
 };
 
-// D (12 x 12) of given dampings of A and between the hands, of which no mode gets more than the inertia of
-// both hands bears, motors included.
+// D (12 x 12) of given dampings of A and between the hands, each mode limited by the inertia of both hands,
+// motors included.
 Matrix12 given_damping(const CooperativeFrame& frame, OwnedArm& first, OwnedArm& second,
                        const Matrix6& absolute, const Matrix6& relative);
 
@@ -63,7 +63,7 @@ Matrix12 given_damping(const CooperativeFrame& frame, OwnedArm& first, OwnedArm&
 double soften(const CooperativeFrame& frame, OwnedArm& first, OwnedArm& second, const Matrix3& R_d,
               const Matrix12& Lambda, ImpedanceGains& absolute, ImpedanceGains& relative);
 
-// Adds ImpedanceGains::brake() of both to D (12 x 12), within what the inertia bears.
+// Adds ImpedanceGains::brake() of both to D (12 x 12), limited by the inertia.
 void brake(const Matrix3& R_d, const ImpedanceGains& absolute, const ImpedanceGains& relative,
            const Matrix12& Lambda, Matrix12& D);
 

@@ -161,7 +161,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
   };
   using Vector12 = Eigen::Matrix<double, 12, 1>;
 
-  // Bounds the pull at each hand. The set-point waits where it moves along what pulls A.
+  // Bounds the pull at each hand. The set-point waits where it moves along the pull on A.
   void bound(ControlContext& context, const CooperativeFrame& frame, const Vector12& damping,
              const TaskForce& absolute, std::array<Vector6, 2>& F) const {
     const std::array damping_at{frame.first_wrench(damping.head<6>(), damping.tail<6>()),
@@ -177,7 +177,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
       const Vector3& p_A = context.inputs[kPose].pose().position;
       lever = std::max(lever, (context.arms[i].terms->X_WE().position - p_A).norm());
     }
-    // Each hand goes half of the way of the offset between them.
+    // Each hand moves by half of the offset between them.
     Reference& pose = context.inputs[kPose];
     pose.bound_hand_speed(context.contact.hand_speed - 0.5 * offset_.top_speed(pose.spec().max_speed), lever);
   }

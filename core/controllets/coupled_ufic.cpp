@@ -52,7 +52,7 @@ struct Springs {
 // Unified force-impedance control of two hands that hold one object: the squeeze is force-controlled and the
 // motion of the object an impedance. Both use the cooperative coordinates of
 // core/controllets/cooperative_frame.hpp, with the estimates of A at the hands themselves (X_EiA is a
-// rotation): each hand then carries half of a force on A without a moment, which a pad could not bear.
+// rotation): each hand then carries half of a force on A without a moment, which would tip a pad over.
 //   [F_1; F_2] = L^T ([s K_a x~_a; s K_r x~_r] + D (s [V_a; V_r]_d - [V_a; V_r]) + s [F_ff; 0]
 //                     - [0; n] (F_f' + D_z (v_n - s v_d,n)))
 //   tau_i = J_i^T F_i + N_i (s K_N (q_N - q) - D_N N_i^T dq) + C_i dq_i,      s = 1 + alpha_i
@@ -299,7 +299,7 @@ class CoupledUfic final : public Controllet {
     return work;
   }
 
-  // The set-point of A waits while the spring of a hand is bounded and A's spring draws along its motion.
+  // The set-point of A waits while the spring of a hand is bounded and A's spring pulls along its motion.
   void wait_for_hands(ControlContext& context, const CooperativeFrame& frame) {
     if (!std::isfinite(context.contact.hand_speed + context.contact.spring_force)) return;
     Reference& pose = context.inputs[kPose];
@@ -309,8 +309,8 @@ class CoupledUfic final : public Controllet {
     for (const OwnedArm& arm : context.arms) {
       lever = std::max(lever, (arm.terms->X_WE().position - springs_.X_d.position).norm());
     }
-    // Hands that close or open move in addition to A. Counted from their first moment on: the pace is there
-    // sooner than their speed.
+    // Hands that close or open move in addition to A. Counted from the start on, since the pace reacts faster
+    // than their speed.
     const double closing = grasp_.distance_rate_d() != 0 ? 0.5 * closing_speed_ : 0;
     pose.bound_hand_speed(context.contact.hand_speed - closing, lever);
   }
@@ -353,8 +353,8 @@ class CoupledUfic final : public Controllet {
     if (!std::isfinite(measured_.requested_n + measured_.first_n + measured_.second_n)) return false;
     grasp_.update(measured_, settings.grasp, context.dt);
     if (grasp_.touched_now()) {
-      // Hold the object along n where it is. Drawing it to the set-point would load one hand more
-      // than the other.
+      // Holds the object along n where it is. Pulling it to the set-point would load one hand more than the
+      // other.
       shift_from_ = shift_;
       shift_to_ = n.dot(frame.X_WA.position - target.X_W_d.position);
       shift_fade_.reset(false);

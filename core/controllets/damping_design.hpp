@@ -31,14 +31,14 @@
 // So a mode decays behind motors of 50 Hz and two periods if
 //   K <= kFastestMode^2 M,   kLeastDampingTime K <= D <= kLargestModalDamping M,
 // and laws soften stiffer modes to that. M is the inertia that the model knows; rotors may add any more. What
-// an arm bears anyway stays as it is, to the bit.
+// that is stable anyway is unchanged, bit for bit.
 namespace multipanda {
 
 inline constexpr double kLargestModalDamping = 300;  // [1/s]
 inline constexpr double kLeastDampingTime = 0.010;   // [s]
 inline constexpr double kFastestMode = 150;          // [rad/s]
-inline constexpr double kBrake = 2;  // [1/s]: what has no stiffness coasts from v to rest within v / kBrake
-// Stiffness from which an axis is led by all of what is fed forward, and not braked: [N/m], [N m/rad].
+inline constexpr double kBrake = 2;  // [1/s]: an axis without stiffness coasts from v to rest within v / kBrake
+// Stiffness from which on an axis gets the full feed-forward and is not braked: [N/m], [N m/rad].
 inline constexpr double kLedFrom = 5, kTurnedFrom = 0.25;
 
 // Matrix is one of the sizes of CoupledModes. Does not allocate. If an argument is not finite, the result is
@@ -63,8 +63,9 @@ JointMatrix joint_damping(const JointMatrix& M, const JointVector& stiffness, do
 // Each joint alone: d_i = 2 zeta sqrt(k_i M_ii), (n x 1) [N m s/rad]. Cheaper; exact only if M is diagonal.
 JointVector diagonal_damping(const JointMatrix& M, const JointVector& stiffness, double zeta);
 
-// Lowers the modes of K (n x n), a stiffness or a damping, to `most` times the inertia: with K = Q diag(k)
-// Q^T, every k. Returns what remains of the largest, 1 if none was larger: then K is as it was, to the bit.
+// Limits the modes of K (n x n), a stiffness or a damping, to `most` times the inertia: every k of K = Q
+// diag(k) Q^T. Returns the share of the largest that remains; 1 if none was larger: then K is unchanged, bit
+// for bit.
 template <typename Matrix>
 double limit_modes(const Matrix& inertia, double most, Matrix& K) {
   Matrix L;
@@ -82,7 +83,7 @@ double limit_modes(const Matrix& inertia, double most, Matrix& K) {
 }
 
 // Raises D (n x n) to `least` (n x n) in every mode that has less: to kLeastDampingTime K where the model
-// states motors that M lacks, because K may then be more than D, designed from M, is for.
+// states motors that M lacks, because D, designed from M, may then be too small for K.
 template <typename Matrix>
 void raise_modes(const Matrix& inertia, const Matrix& least, Matrix& D) {
   Matrix L;
@@ -92,8 +93,8 @@ void raise_modes(const Matrix& inertia, const Matrix& least, Matrix& D) {
   D += (Q * modes.k.asDiagonal()).lazyProduct(Q.transpose());
 }
 
-// Softens the modes of a stiffness K (n x n) that are faster than kFastestMode; the share of its stiffness
-// that the fastest one keeps, 1 if none is.
+// Softens the modes of a stiffness K (n x n) that are faster than kFastestMode; returns the share of its
+// stiffness that the fastest one keeps; 1: none was softened.
 template <typename Matrix>
 double soften(const Matrix& inertia, Matrix& K) {
   return limit_modes(inertia, kFastestMode * kFastestMode, K);
@@ -107,7 +108,8 @@ inline bool states_motors(const ArmModel& model) { return model.motor_inertia().
 // Mass matrix of links and motors (n x n), counting motors contained in M only once.
 JointMatrix mass_with_motors(ModelTerms& terms);
 
-// How far each joint is led (n x 1), 0 without stiffness to 1 from kTurnedFrom or kLedFrom on.
+// Share of the feed-forward of each joint (n x 1), from 0 without stiffness to 1 from kTurnedFrom or kLedFrom
+// on.
 JointVector led_shares(const JointVector& stiffness, const ArmModel& model);
 
 // The velocity on which a damping acts.
@@ -117,10 +119,10 @@ enum class DampingOf : std::uint8_t {
 };
 ParameterSpec damping_of_parameter();
 
-// How much damping a joint bears in a loop that is sampled. A torque -D dq that is one period old when it
-// acts on the inertia I is stable for D T / I < 1: v_next = v - (D T / I) v_before. Motors that lag and
-// further delay need a margin; half of it is what torque tracking of 50 Hz with a delay of 1 ms bears (0.54,
-// from the phase of the loop).
+// The largest damping with which a joint is stable in a sampled loop. A torque -D dq that is one period old
+// when it acts on the inertia I is stable for D T / I < 1: v_next = v - (D T / I) v_before. Motors that lag
+// and further delay need a margin; half of it is stable with torque tracking of 50 Hz and a delay of 1 ms
+// (0.54, from the phase of the loop).
 
 inline constexpr double kBearableShare = 0.5;  // of I / T
 

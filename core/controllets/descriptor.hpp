@@ -37,12 +37,12 @@ struct ControlletDescriptor {
   // controllet is deactivated and its arms are held.
   std::size_t observes = 0;
   // Whether it may own or observe an arm that stands on another one, or that carries one: it keeps no pose in
-  // coordinates of a base, and bears that the base moves.
+  // coordinates of a base, and works on a moving base.
   bool moving_base = false;
-  // Whether its torques act as a wrench of each hand on the world, J^T F beside the self-motion. A carrier
-  // then bears that wrench for the arm that stands on it.
+  // Whether its torques act as a wrench of each hand on the world, J^T F, besides the self-motion. A carrier
+  // then supports that wrench for the arm that stands on it.
   bool wrench_at_hand = false;
-  // Whether a person moves its arms by hand: nothing pulls them back.
+  // Whether a person moves its arms by hand, so that nothing pulls them back.
   bool guided = false;
   std::vector<InputSpec> inputs;
   std::vector<ParameterSpec> parameters;

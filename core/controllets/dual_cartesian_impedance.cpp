@@ -136,9 +136,9 @@ class DualCartesianImpedance final : public Controllet {
     return target;
   }
 
-  // A hand is moved by its reference, the blend, the shift and the offset at once. The reference gets what
-  // the others leave of the hand's speed, from the next cycle on: in that one they have hardly begun to move.
-  // Their largest shares leave an eighth.
+  // A hand is moved by its reference, the blend, the shift and the offset at once. The reference gets the
+  // remaining share of the hand's speed from the next cycle on; in this one the others have hardly begun to
+  // move. Their largest shares leave an eighth.
   static_assert(SetPointBlend::kShare + SetPointShift::kShare + OffsetReference::kShare < 1);
   void share_hand_speed(ControlContext& context) const {
     const double most = context.contact.hand_speed;

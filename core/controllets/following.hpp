@@ -16,7 +16,7 @@ Matrix3 leading_rotation(LeadingAxes axes, const ArmModel& leader, const ArmMode
 
 // Adds up the motion of the leader's hand since it began, mapped by R_map and scaled by s:
 //   dp = s R_map dp_l,   dR = R_map dR_l R_map^T
-// What it led to so far stays, so that the pose is continuous when s or the leader's end effector changes.
+// The result so far stays, so that the pose is continuous when s or the leader's end effector changes.
 class LedPose {
  public:
   void start(const OwnedArm& leader, const Pose& X);
@@ -25,7 +25,7 @@ class LedPose {
   // The same without accumulation: the leader moves on its own.
   void skip(const OwnedArm& leader);
   void stand() { V_.setZero(); }  // treats it as resting
-  // The led end effector was redefined, X away from the old one.
+  // The follower's end effector was redefined, X away from the old one.
   void carry(const Pose& X);
 
   const Pose& X() const { return X_; }
@@ -51,12 +51,12 @@ ParameterSpec leading_scale_parameter();
 inline constexpr const char* kSlippedDoc =
     "1: the follower fell too far behind, so its clutch opened; set `clutch` to false and to true again.";
 
-// A leader whose states fail to arrive leads nowhere: its last velocity no longer counts after 3 periods, so
-// that the set-point brakes. The safety stage holds the follower soon after.
+// Without new states of the leader its last velocity no longer counts after 3 periods, so that the set-point
+// brakes. The safety stage holds the follower soon after.
 inline constexpr double kLeaderFalters = 0.003;  // [s]
 
-// Detects positions that jump: the joints turned farther since the arm's last packet than they can. It is
-// then not known where the arm is, so the law faults and its arms are held.
+// Detects positions that jump: the joints turned farther since the arm's last packet than they can. Where the
+// arm is, is then unknown, so the law faults and its arms are held.
 class JumpDetector {
  public:
   void start(const OwnedArm& arm);
@@ -67,17 +67,17 @@ class JumpDetector {
   RobotTime t_;
 };
 
-// How far a set-point may be left behind. Farther, it would go on for long after its leader has stopped, on a
-// way that nobody led, and the leader would have to go back as far until the follower does.
+// Largest lag of a set-point. With a larger one it would continue long after its leader has stopped, on a
+// path that nobody commanded, and the leader would have to go back as far before the follower does.
 inline constexpr double kLargestLagAngle = 0.5;   // of a hand [rad]
-double largest_lag(const ContactBounds& bounds);  // of a hand: its way in 0.5 s at its greatest speed [m]
+double largest_lag(const ContactBounds& bounds);  // of a hand: its path in 0.5 s at its greatest speed [m]
 
-// A strain (strain_of()) beyond which nothing goes on: 180 N, 45 N m. Only lifted bounds let it come to that.
+// A strain (strain_of()) at which following ends: 180 N, 45 N m. Only lifted bounds allow that much.
 inline constexpr double kLargestStrain = 3;
 
-// The clutch between leader and follower: closed as the parameter `clutch` asks, until the set-point is left
-// behind, or the strain is too large. It then slips, which opens it until the parameter is set to false and
-// to true again. An alignment may begin far away: before it has arrived once, it slips if it is blocked.
+// The clutch between leader and follower: closed by the parameter `clutch`, until the set-point lags too far,
+// or the strain is too large. It then slips, which opens it until the parameter is set to false and to true
+// again. An alignment may begin far away: before it has arrived once, it slips if it is blocked.
 class Clutch {
  public:
   void start() { *this = {}; }
@@ -89,8 +89,8 @@ class Clutch {
   double blocked_s_ = 0;
 };
 
-// An open clutch does not press on: a set-point at rest goes to where its hand is if the strain is above
-// this. Below, loads that nobody declared and friction do not make an arm sag.
+// An open clutch does not keep pressing: above this strain a set-point at rest moves to its hand. Below it,
+// undeclared loads and friction do not make an arm sag.
 inline constexpr double kYieldsFrom = 0.5;
 
 // The set-point of a hand that follows a pose.

@@ -7,7 +7,7 @@ namespace multipanda {
 namespace {
 
 constexpr double kWaitsFrom = 0.8;     // as references do (core/reference/reference.hpp)
-constexpr double kBrakingShare = 0.6;  // of the acceleration, for the way to a distant target
+constexpr double kBrakingShare = 0.6;  // of the acceleration, on the way to a distant target
 
 void clamp_norm(JointVector& x, double most) {
   const double size = x.norm();

@@ -3,7 +3,7 @@
 #include "core/types/joints.hpp"
 #include "core/types/spatial.hpp"
 
-// A set-point that follows a moving target, which a person leads: continuous in position, velocity and
+// A set-point that follows a moving target, which a person guides: continuous in position, velocity and
 // acceleration, within limits, whatever the target does. Loop thread, no allocation.
 //
 // With the velocity v_t of the target and the difference e from the set-point to it:
@@ -20,15 +20,15 @@ struct FollowingLimits {
   double speed = 0, acceleration = 0, jerk = 0;  // [m/s, m/s^2, m/s^3] or [rad/s, ...]
 };
 
-// The pull of the set-point at the arm, and its share of what is allowed: bound_pull() bounds the torque of a
-// tick, this holds back the set-point that would pull on for long after. Both are smoothed, since a part of
-// the pull is the set-point's own acceleration; otherwise the set-point would start and wait in turns.
+// The pull of the set-point at the arm, and its share of the bound: bound_pull() bounds the torque of a tick,
+// this holds back a set-point that would keep pulling. Both are smoothed, since a part of the pull is the
+// set-point's own acceleration; otherwise the set-point would start and wait in turns.
 class Resistance {
  public:
   static constexpr double kBandwidth = 30;  // [rad/s], as that of a reference's pace
 
-  // Which part of the set-point's motion waits: that along the pull, so that it slides across, or all of it.
-  // Joints that continued across the pull would fold the arm.
+  // Which part of the set-point's motion waits: the part along the pull, so that it slides across, or all of
+  // it. Joints that continued across the pull would fold the arm.
   enum class Waits : std::uint8_t { along, all };
 
   void start(Eigen::Index coordinates, Waits waits = Waits::along);
@@ -36,8 +36,8 @@ class Resistance {
   // Remaining fraction of a motion that loads the arm: 1 up to a pull of 0.8 of the allowed one, 0 at the
   // full allowed pull.
   void hold_back(JointVector& motion) const;
-  // What is left of the way to a target that goes back, with this velocity: the set-point relieves the arm as
-  // the target goes, instead of making up for its lag first. While the pull is light, the whole way is left.
+  // The remaining distance to a target that goes back with this velocity: the set-point relieves the arm as
+  // the target retreats, instead of catching up first. While the pull is small, it is the whole distance.
   void relieve(JointVector& way, const JointVector& target_velocity) const;
   Waits waits() const { return waits_; }
 

@@ -117,7 +117,7 @@ class Force final : public Controllet {
     const double most = context.contact.spring_force;
     const Vector3 F_t = settings.tangential_gain * w *
                         direction_.across(across_.update(F_hat, settings.tangential_cutoff, dt));
-    // A hand in the way acts like friction and would be pushed harder and harder.
+    // A hand in the way acts like friction and would be pushed ever harder.
     const Vector3 pull_across = direction_.across(pull);
     const Vector3 along_surface = largest_share(pull_across, F_t, most) * F_t;
     // The force along n and the force across it together respect the bound.

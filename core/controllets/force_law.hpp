@@ -103,8 +103,8 @@ class ForceLoop {
                 double most_n = std::numeric_limits<double>::infinity(),
                 double deepest_n = std::numeric_limits<double>::infinity());
   double integral() const { return integral_; }  // I int e dt [N]
-  // Before update(): the integral keeps to [low, high], which contains 0, from now on. What is beyond decays
-  // with time constant kRestraint; at once it would be a step of the torque.
+  // Before update(): the integral keeps to [low, high], which contains 0, from now on. The excess decays with
+  // time constant kRestraint, since removing it at once would be a step of the torque.
   static constexpr double kRestraint = 0.02;  // [s]
   void restrain(double low_n, double high_n, double dt);
   void release();  // ends restrain()
@@ -115,9 +115,9 @@ class ForceLoop {
   double low_ = -std::numeric_limits<double>::infinity(), high_ = -low_;  // of the integral [N]
 };
 
-// What a force may reach beside pulls across it, which bound_pull() has bounded already. Falls at once with
-// what they leave, and rises slowly: a pull that shakes does not shake the force, and a tool that was held
-// aside and is let go presses again softly.
+// Bound of a force besides the pulls across it, which bound_pull() has already bounded. It falls at once with
+// the remainder that they leave, and rises slowly: a pull that shakes does not shake the force, and a tool
+// that was held aside and is released presses again softly.
 class ForceRoom {
  public:
   void start() { room_ = 0; }

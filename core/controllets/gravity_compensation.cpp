@@ -67,7 +67,7 @@ class GravityCompensation final : public Controllet {
   }
   struct Carriage {
     Eigen::Index joint;
-    double least, most;  // damping [N s/m]; the most is what it bears at 1 kHz
+    double least, most;  // damping [N s/m], limited for stability at 1 kHz
   };
   static constexpr double kAtLever = 100;  // N s/m for each N m s/rad, 1 / (0.1 m)^2
   // A carriage released at the speed v comes to rest within v / kStops.

@@ -88,7 +88,7 @@ class Hold final : public Controllet {
   // K (q_0 - q) - D dq in the modes of the coupled inertia, and not of its diagonal: with a bent elbow,
   // joints that move against each other have a tenth of it. A mode faster than kFastestMode gets the
   // stiffness and at most the damping of one at kFastestMode, because it would oscillate if the motors lag by
-  // a few milliseconds (50 Hz and 3 ms bear 110 rad/s).
+  // a few milliseconds (with 50 Hz and 3 ms, 110 rad/s is stable).
   JointVector torque(const OwnedArm& arm, const JointVector& stiffness, const JointVector& design,
                      double zeta) const {
     const CoupledModes<JointMatrix> modes(arm.terms->M(), JointMatrix(design.asDiagonal()));
@@ -127,9 +127,9 @@ class Hold final : public Controllet {
     }
   }
 
-  // A carriage resists with no more than the bounds for contact, stopped or not, and stays where it was put:
-  // with K times the way, tens of kilograms would come back at whoever pushed them aside to get free. Its
-  // damping is whole. No carriage bears weight (weight_on_an_axis()), so none sinks.
+  // A carriage resists with no more than the bounds for contact, stopped or not, and stays where it was
+  // pushed: with K times the distance, tens of kilograms would swing back at the person who pushed them aside
+  // to get free. Its damping is not reduced. No carriage carries weight (weight_on_an_axis()), so none sinks.
   void slip(const OwnedArm& arm, std::span<const double> K, double force) {
     const auto& limits = arm.model().limits();
     for (Eigen::Index i = 0; i < q_0_.size(); ++i) {
@@ -161,8 +161,8 @@ class Hold final : public Controllet {
   }
 
   std::array<double, kMaxJoints> usual_;  // default stiffness [N m/rad], [N/m]
-  // With which a joint on its way back pushes what is in its way, a person perhaps: q_0 then waits. More than
-  // damping at kReturnSpeed and friction need, if it is a revolute one [N m], [N].
+  // Largest push of a returning joint on an obstacle, perhaps a person: q_0 then waits. For a revolute joint
+  // more than damping at kReturnSpeed and friction need [N m], [N].
   std::array<double, kMaxJoints> largest_push_{};
   std::array<bool, kMaxJoints> slides_{};
   JointVector q_0_, q_end_;

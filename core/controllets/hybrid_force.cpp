@@ -28,8 +28,7 @@ struct WeightedAxes {
     return x;
   }
   bool any() const { return (weight.array() > 0).any(); }
-  // Each of n equal parts at right angles gets 1 / this of what all of them may reach together. `kind`: 0
-  // forces, 1 moments.
+  // Each of n equal parts at right angles gets 1 / this of their common bound. `kind`: 0 forces, 1 moments.
   double parts(std::size_t kind) const {
     return std::sqrt(std::max(1.0, weight.segment<3>(static_cast<Eigen::Index>(3 * kind)).sum()));
   }
@@ -245,11 +244,11 @@ class HybridForce final : public Controllet {
 
   // Moments fall with the speed along them, from half of kTurnLimit on, and end at kTopTurning [rad/s].
   static constexpr double kTurnLimit = 0.5, kTopTurning = 1.5;
-  // The most that force and damping of an axis may fall with its speed, over its inertia [1/s]: they act some
+  // Largest slope of force and damping of an axis over its speed, divided by its inertia [1/s]: they act some
   // periods late (damping_design.hpp), and several axes may share a mode.
   static constexpr double kSteepest = 200, kDamping = 60;
-  // A redefined end effector's old wrench leaves so much faster where the hand moves: a wrench that nothing
-  // resists any more.
+  // The wrench of the old end effector decays faster by this where the hand moves, since nothing resists it
+  // there.
   static constexpr double kYields = 10;
   static constexpr double kReturnTime = 0.3, kReturnSpeed = 0.05, kReturnTurning = 0.2;  // [s, m/s, rad/s]
   static constexpr double kReturnShare = 0.2;  // of the hand's speed
@@ -351,8 +350,8 @@ class HybridForce final : public Controllet {
     return again.remaining(pull);
   }
 
-  // Another end effector means other moments and another point for the forces: from the wrench before to the
-  // new one it takes a fade. Returns what to add, force frame.
+  // Another end effector means other moments and another point for the forces: fades from the old wrench to
+  // the new one. Returns the part to add, force frame.
   Vector6 bridged(const WeightedAxes& axes, const Vector6& command, const Vector6& V, double hand_speed,
                   double dt) {
     if (redefined_) {
@@ -394,7 +393,7 @@ class HybridForce final : public Controllet {
     // All axes of a kind together respect the bound.
     const double limit[] = {contact.hand_speed / axes.parts(0), turn_limit(axes, contact)};
     // The force allowed without reaction ends at 1.5 times the limit, or at kTopTurning, but never falls more
-    // steeply than the axis can bear.
+    // steeply than the axis is stable with.
     const double falls[] = {limit[0], (kTopTurning / kTurnLimit - 0.5) * limit[1]};
     for (std::size_t i = 0; i < kAxes; ++i) {
       const auto k = static_cast<Eigen::Index>(i);

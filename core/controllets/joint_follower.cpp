@@ -152,7 +152,7 @@ class JointFollower final : public Controllet {
     q_d_ += context.dt * motion_.velocity();
   }
 
-  // To rest, then, where the arm is pulled hard, to where it is. What the leader leads to begins here again.
+  // Brakes to rest; an arm that is pulled hard yields to its position. Following begins again from here.
   void brake(const Elbow& elbow, const ControlContext& context) {
     if (!yields_ && motion_.rests() && strain_ > kYieldsFrom) {
       yields_ = true;

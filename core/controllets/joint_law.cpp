@@ -13,8 +13,8 @@ namespace {
 // 1987), more near a singular pose (TaskSpace::press): the force that keeps the hand where it is. The whole
 // pull is scaled until that keeps to its bounds. A motion of the null space does not show at the hand, so the
 // force at the elbow may be bounded likewise. So is that at the hand of an arm that stands on this one, as if
-// its joints were locked: in a hold they nearly are. A carriage is bounded by its own joint's pull, which no
-// other joint has to press for.
+// its joints were locked: in a hold they nearly are. A carriage is bounded by the pull of its own joint
+// alone.
 void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, const JointVector& spring,
            const JointVector& damping, JointVector& tau, JointPull& drawn) {
   const TaskSpace& task = arm.terms->task();
@@ -46,8 +46,8 @@ void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, cons
   if (bounded.factor() < 1) tau -= (1 - bounded.factor()) * pull;
 }
 
-// D (n x n) of the softened stiffness K (n x n). What is chosen for each joint alone may be more than all of
-// them bear together.
+// D (n x n) of the softened stiffness K (n x n). Values chosen for each joint alone may be too large for all
+// of them together.
 JointMatrix damping_of(const JointGains& gains, const JointMatrix& K, const JointVector& led,
                        ModelTerms& terms) {
   const JointMatrix& M = terms.M();

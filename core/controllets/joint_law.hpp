@@ -5,15 +5,15 @@
 
 namespace multipanda {
 
-// The elbow of an arm, the origin of its middle joint: what moves and presses there in the null space of the
-// hand. Or another point p_W of the link behind `joint`, as the hand of an arm that stands there. World axes.
-// Loop thread, no allocation.
+// The elbow of an arm, the origin of its middle joint: its motion and force in the null space of the hand. Or
+// another point p_W of the link behind `joint`, as the hand of an arm that stands there. World axes. Loop
+// thread, no allocation.
 class Elbow {
  public:
   explicit Elbow(ModelTerms& terms);
   Elbow(ModelTerms& terms, std::size_t joint, const Vector3& p_W);
   Vector3 velocity(const JointVector& dq) const { return J_.lazyProduct(dq); }  // (3 x 1) [m/s]
-  // What a joint torque tau presses with on something that holds the elbow: A^-1 J M^-1 tau, A = J M^-1 J^T
+  // The force of a joint torque tau on something that holds the elbow: A^-1 J M^-1 tau, A = J M^-1 J^T
   // (Khatib 1987), (3 x 1) [N]. The force is less where the elbow hardly moves, A + kDamping I in place of A.
   Vector3 force(const JointVector& tau) const;
 
@@ -59,13 +59,13 @@ struct JointPull {
   double share = 0;
   // The strain (strain_of()) of the springs K (q_d - q) at hand, elbow and carriages; if gains.elbow is set.
   double strain = 0;
-  double stiffness_share = 1;  // what the arm's fastest mode bears of K
+  double stiffness_share = 1;  // share of K that the arm's fastest mode keeps
 };
 
 // tau = K (q_d - q) + D (dq_d - dq) + C dq [+ M ddq_d], the pull within the bounds for contact, at the hand
-// and at every prismatic joint; `dq` is what D sees of the arm's velocity (n x 1). With DampingOf::velocity
-// -D dq instead of D (dq_d - dq). K and D are what the arm bears (damping_design.hpp); joints without
-// stiffness are braked and not led. The result is in arm.tau; fault if it is not finite.
+// and at every prismatic joint; `dq` is the arm's velocity on which D acts (n x 1). With DampingOf::velocity
+// -D dq instead of D (dq_d - dq). K and D are limited for stability (damping_design.hpp); joints without
+// stiffness are braked and follow no set-point. The result is in arm.tau; fault if it is not finite.
 LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
                               const ContactBounds& contact, OwnedArm& arm, JointPull& pull);
 

@@ -68,8 +68,8 @@ class ParameterSet {
   std::vector<double> target(std::size_t i) const;
 
   // --- before the loop ---
-  // Lowers the upper bound of each number, for what this arm bears. An initial value above it is lowered,
-  // too. Never raises a bound.
+  // Lowers the upper bound of each number to what this arm is stable with. An initial value above it is
+  // lowered, too. Never raises a bound.
   void lower_max(std::size_t i, std::span<const double> max, std::string reason);
 
   // --- loop thread, or before the loop ---

@@ -6,8 +6,8 @@ namespace multipanda {
 
 // Moves an arm from its current set-point to the set-point of a rule, without a step. The difference is kept
 // while the rule's set-point is at rest, so that the arm does not move by itself. It is removed along a
-// quintic once that set-point moves. Beside people it moves the hand in addition to the rule, so it has a
-// share of the hand's speed, and the rule gets what is left. Loop thread.
+// quintic once that set-point moves. It moves the hand in addition to the rule, so with bounds for contact it
+// has a share of the hand's speed, and the rule the remainder. Loop thread.
 //   p_d = p_rule + s p_dev,  R_d = exp(s r_dev) R_rule,  s from 1 to 0
 class SetPointBlend {
  public:
@@ -30,9 +30,9 @@ class SetPointBlend {
   bool released_ = true;
 };
 
-// Set-points of a hand whose end effector was redefined, from a rule that does not know it: E_new = E_old X.
-// X is kept while the rule is at rest, so that the arm does not move by itself, and fades once it moves; the
-// new end effector then goes where the rule says. Loop thread.
+// Set-points of a hand whose end effector was redefined, from a rule for the old one: E_new = E_old X. X is
+// kept while the rule is at rest, so that the arm does not move by itself, and fades once it moves; the new
+// end effector then follows the rule. Loop thread.
 //   X_W_d = X_rule {exp(s r), s p},  X = {exp(r), p},  s from 1 to 0
 class SetPointShift {
  public:
@@ -41,7 +41,7 @@ class SetPointShift {
   void clear() { *this = {}; }
   void add(const Pose& X, double hand_speed);
   bool over() const { return t_ >= duration_; }
-  // The most that it adds to the speed of a hand whose rule does not turn [m/s], and how far the hand is from
+  // Largest contribution to the speed of a hand whose rule does not turn [m/s], and distance of the hand from
   // the rule's pose, about which it turns [m].
   double top_speed() const { return over() ? 0 : rest_to_rest_speed(p_.norm(), duration_); }
   double lever() const { return over() ? 0 : p_.norm(); }

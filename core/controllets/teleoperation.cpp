@@ -22,8 +22,8 @@ struct Side {
   void start(const OwnedArm& arm, double energy_j, const TankLimits& limits);
   // Closes the last period: the torque was constant in it, so this work is exact.
   void close(const OwnedArm& arm, const TankLimits& limits, double dt);
-  // What the tank lets through of a pull (6 x 1) [N, N m]: where it supplies power its valve's share, where
-  // it takes power all of it; and at most a tenth of the tank per tick. `V` (6 x 1) [m/s, rad/s] is the
+  // The part of a pull that the tank passes (6 x 1) [N, N m]: the valve's share where it supplies power, all
+  // of it where it absorbs power; and at most a tenth of the tank per tick. `V` (6 x 1) [m/s, rad/s] is the
   // hand's twist, `D` [N s/m, N m s/rad] the damping of the law.
   Vector6 let_through(const Vector6& pull, const Vector6& V, const Matrix6& D, const TankLimits& limits,
                       double dt) const;
@@ -55,9 +55,9 @@ Vector6 Side::let_through(const Vector6& pull, const Vector6& V, const Matrix6& 
   return passed * tank.affordable(passed.dot(V) * dt, 0.1, limits);
 }
 
-// The share of a pull that the joints bear on top of the rest of the torque, with gravity and without: the
-// first is what a joint measures, which stops its arm beyond its limit, the second is the command, which has
-// the same limit. With 60 N and 15 N m a wrist of 12 N m soon gets there.
+// The share of a pull that fits into the joints' limits on top of the rest of the torque, with gravity and
+// without: a joint measures the first, and stops its arm beyond its limit; the second is the command, which
+// has the same limit. 60 N and 15 N m soon exceed the 12 N m of a wrist.
 double bearable_share(const OwnedArm& arm, const JointVector& pull, const JointVector& rest) {
   constexpr double kShare = 0.9;  // of the limit
   const JointVector& g = arm.terms->g();
@@ -207,8 +207,8 @@ class Teleoperation final : public Controllet {
     sides_[0].tank.give(-to_leader_.receive(context.time_s, delay, context.dt));
   }
 
-  // The follower: whenever the clutch has been closed, what the leader leads to begins at its set-point. If
-  // that is left behind later, the clutch slips until it is opened.
+  // The follower: whenever the clutch closes, the leader's goal begins at its set-point. If the set-point
+  // lags too far later, the clutch slips until it is opened.
   void align() {
     const TeleoperationPacket& packet = to_follower_.newest();
     if (packet.alignment == 0 && packet.sent_s >= slipped_at_s_) slipped_ = false;
@@ -263,8 +263,8 @@ class Teleoperation final : public Controllet {
     return apply(context, 1, force.total + damping, D, rest, limits);
   }
 
-  // The torque of one side: what the joints bear and the tank lets through of the pull, less the damping D V
-  // of the hand, and the rest of the law.
+  // The torque of one side: the pull within the limits of joints and tank, less the damping D V of the hand,
+  // and the rest of the law.
   LawResult apply(ControlContext& context, std::size_t i, const Vector6& pull, const Matrix6& D,
                   const JointVector& rest, const TankLimits& limits) {
     OwnedArm& arm = context.arms[i];
@@ -307,8 +307,8 @@ class Teleoperation final : public Controllet {
     return apply(context, 0, bounded.remaining(pull), D, rest, limits);
   }
 
-  // What drives the leader ends at kDriveEnds along its motion, below the speed of a hand: where nobody holds
-  // it, the coupling moves it no faster; nor does it drive harder where a scene lifts the bounds.
+  // The drive of the leader ends at kDriveEnds along its motion, below the speed of a hand: without a person
+  // the coupling moves it no faster, and no harder where a scene lifts the bounds.
   static Vector6 bound_drive(const Vector6& drive, const Vector6& V, const ContactBounds& bounds) {
     constexpr double kDriveEnds = 0.2;  // [m/s]: 60 N over it are the most that bound_pull falls with speed
     const double size = drive.head<3>().norm();
@@ -320,7 +320,7 @@ class Teleoperation final : public Controllet {
     return left;
   }
 
-  // A leader that the follower drives, and that nobody resists, is held by nobody: its clutch opens. A person
+  // A leader that the follower drives without resistance is not held by a person: its clutch opens. A person
   // who leads is ahead of the follower, so the coupling resists the motion.
   void attend(const OwnedArm& arm, const Vector6& drive, bool coupled, double dt) {
     constexpr double kMoves = 0.05, kDrives = 2, kResists = 3, kLongest = 0.5;  // [m/s], [N], [N], [s]
@@ -334,8 +334,8 @@ class Teleoperation final : public Controllet {
 
   // A spring and damper between both hands, in the leader's axes:
   //   K x~ + D (V_f - V_l),   x~ from where the leader leads to the follower's hand
-  // K is that of the follower, times the scales, so that both feel the same force at rest; no stiffer than K
-  // may be, whatever the scales are. While the clutch is open, all parts stay as they were when it was
+  // K is that of the follower, times the scales, so that both get the same force at rest; no stiffer than the
+  // largest K, whatever the scales are. While the clutch is open, all parts stay as they were when it was
   // opened, so that they fade out together.
   struct Coupling {
     Vector6 spring = Vector6::Zero();
@@ -385,7 +385,7 @@ class Teleoperation final : public Controllet {
   }
 
   // Additional damping of the leader: while its tank is nearly empty, and as far as the coupling does not act
-  // though the clutch is asked to be closed, since perhaps nobody holds it.
+  // although the clutch should be closed, since perhaps nobody holds the leader.
   double refill(const ParameterSet& parameters, double engaged) const {
     const double below = parameters.number(kRefillBelow);
     const double empty = below > 0 ? std::clamp((below - sides_[0].tank.energy()) / below, 0.0, 1.0) : 0;

@@ -20,7 +20,7 @@ struct TeleoperationPacket {
 };
 
 // One direction of the connection between both sides: packets arrive in order, `delay` after they were sent,
-// or never. It never creates energy: what arrives and what is under way is at most what was sent. Loop
+// or never. It never creates energy: the energy that arrives and is in transit is at most what was sent. Loop
 // thread, no allocation; the losses are the same after every start().
 class TeleoperationChannel {
  public:
@@ -34,7 +34,7 @@ class TeleoperationChannel {
 
   bool any() const { return any_; }  // a packet has arrived since start()
   // How far the velocity of the newest packet counts, 0 to 1: it fades while packets are late, so that a
-  // channel that falters neither drives on nor shakes a hand.
+  // faltering channel neither keeps driving nor shakes a hand.
   double trust() const { return trust_; }
   const TeleoperationPacket& newest() const { return newest_; }
   double under_way() const { return under_way_; }  // energy [J]

@@ -260,9 +260,9 @@ class Ufic final : public Controllet {
     }
   };
 
-  // Another end effector means other moments and another point for the forces: what the wrench before had
-  // beyond the new one decays, faster where it moves the hand: nothing resists it any more. It keeps nothing
-  // of an earlier redefinition, so that a stream of them holds no force. Returns what to add.
+  // Another end effector means other moments and another point for the forces: the excess of the old wrench
+  // over the new one decays, faster where it moves the hand, since nothing resists it there. It keeps nothing
+  // of an earlier redefinition, so that a stream of them holds no force. Returns the part to add.
   Vector6 bridged(const Vector6& F_f, const Vector6& V, const ControlContext& context) {
     constexpr double kDecay = 0.06, kMovedOn = 0.002, kClosing = 0.1;  // [s], [s], of alpha_f
     if (redefined_) {
@@ -303,7 +303,8 @@ class Ufic final : public Controllet {
   // Moves the spring to the new set-point, stiffness and valve. The tank supplies the energy that the spring
   // gains; if it cannot, the spring is scaled down. Returns the supplied work [J].
   // Its bound for contact closes the valve, too, so that the tanks' balance stays complete; not because of
-  // what the damping takes of the pull anyway: somebody who pushes the hand to its set-point takes none.
+  // the part of the pull that damping compensates anyway: a person who pushes the hand to its set-point takes
+  // no energy.
   double move_spring(const CartesianTarget& target, const ImpedanceGains& gains, const Pose& X,
                      const Vector6& V, const Vector6& damping, const ControlContext& context) {
     const double before = spring_.scale * spring_.energy;

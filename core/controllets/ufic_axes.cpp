@@ -142,7 +142,7 @@ double UficAxes::update(std::size_t i, const ForceGains& gains, double threshold
                                                    : 0.0,
                         axis.gamma + dt / Fade::kDuration);
   const double speed = axis.sign * now.V[k];
-  // The part taken over by the impedance is not borne by the environment.
+  // The environment does not support the part taken over by the impedance.
   const double borne = axis.pushed + std::min(0.0, axis.sign * now.pull[k]);
   const bool slow = std::abs(speed)<limits.slow, withstands = borne> 0.5 * limits.unfelt;
   axis.borne += !slow ? -dt / kGivingWay : withstands ? dt / kBearing : -dt / kBearing;
@@ -186,8 +186,8 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
     const bool moment = i >= 3;
     const Eigen::Index begin = moment ? 3 : 0;
     const double bound = moment ? now.bounds.spring_moment : now.bounds.spring_force;
-    // What the impedance and the other axes pull with at a right angle to it is gone from the bound, and so
-    // is what the impedance pulls along it.
+    // Pulls of the impedance and of the other axes at a right angle to it reduce the bound, and so does the
+    // pull of the impedance along it.
     Vector3 across = now.pull.segment<3>(begin) + F_.segment<3>(begin);
     across[k - begin] = 0;
     const double left = left_beside(across, bound) - std::max(0.0, axis.sign * now.pull[k]);
@@ -211,7 +211,7 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
     const double f =
         moment ? update(i, moments, parameters.number(first + kMomentThreshold), shape, limits, law, now, dt)
                : update(i, forces, settings.contact_threshold, shape, limits, law, now, dt);
-    // f has sigma, and so has its slope: fading axes that share a joint share what it bears, too.
+    // f contains sigma, and so does its slope: fading axes that share a joint share its bound, too.
     F[k] = f * share_at_axis_speed(f, f < 0 ? -now.V[k] : now.V[k], limit, sigma_[k] * steepest);
   }
   F.head<3>() *= largest_share(now.pull.head<3>(), F.head<3>(), now.bounds.spring_force);

@@ -33,22 +33,21 @@ class UficAxes {
  public:
   // About an axis, or of several together; they fall with the speed along them from half of it on [rad/s].
   static constexpr double kTurnLimit = 0.5;
-  // The most that a force falls with the speed of its axis, and the most damping of D_z and of the valve,
-  // over the inertia that the axis bears [1/s]: they act some periods late. A moment ends at kTopTurning
-  // [rad/s].
+  // Largest slope of a force over the speed of its axis, and largest damping of D_z and of the valve, divided
+  // by the axis's inertia [1/s]: they act some periods late. A moment ends at kTopTurning [rad/s].
   static constexpr double kSteepest = 200, kDamping = 60, kTopTurning = 1.5;
 
   void start();
   // Advances the selection; before the others. Another frame is taken when no axis has a force any more.
   void select(const ParameterSet& parameters, std::size_t first, const Matrix3& R_WE, double dt);
   void end_effector_moved(const Pose& X);
-  // Inertia that the axes bear, from the mobility at E in world axes; before the others.
+  // Inertia along the axes, from the mobility at E in world axes; before the others.
   void bear(const Matrix6& mobility);
 
   bool any() const { return (sigma_.array() > 0).any(); }
   // 0: the law along one direction, 1: these axes, between while one fades into the other.
   double weight() const { return all_.value(); }
-  // D_z v along the axes, for D_z = `damping` or what their inertia bears. World axes.
+  // D_z v along the axes, for D_z = `damping`, limited by their inertia. World axes.
   Vector3 damped(const Vector3& v, double damping) const;
 
   struct Instant {
@@ -80,7 +79,7 @@ class UficAxes {
     double borne = 0;   // share of the reaction that counts
   };
   struct Limits {
-    double room, unfelt;  // beside the others and the pull; without a reaction [N, N m]
+    double room, unfelt;  // besides the others and the pull; without a reaction [N, N m]
     double slow;          // up to it a reaction counts [m/s, rad/s]
   };
   double update(std::size_t i, const ForceGains& gains, double threshold, double shape, const Limits& limits,

@@ -71,8 +71,8 @@ class Backend {
   virtual void read(ArmSet due, std::span<ArmState> states) = 0;
   // Sends torques to the arms that are due. No allocation, no lock.
   virtual void write(ArmSet due, std::span<const ArmCommand> commands) = 0;
-  // The pose in the world of an object, of the states that were read. None: no such object, or nobody knows
-  // where it is, as beside real arms. Loop thread, between two wait(). No allocation, no lock.
+  // The pose in the world of an object, of the states that were read. None: no such object, or its place is
+  // unknown, as beside real arms. Loop thread, between two wait(). No allocation, no lock.
   virtual std::optional<Pose> object_pose(const std::string& /*name*/) const { return std::nullopt; }
   // Cycles that were missed so far (paced simulation) or packets lost (real arms).
   virtual std::uint64_t overruns() const { return 0; }

@@ -54,8 +54,8 @@ void check_mount(const CycleConfig& config, const Backend& backend, ArmIndex arm
     throw std::invalid_argument(
         who + "stands behind joint " + std::to_string(mount.joint + 1) + " of arm '" + carrier.name +
         "', which has " + std::to_string(carrier.model->joint_count()) + "; expected one of its joints");
-  // A real arm beside them may be led by a law of both, and the forces that an arm estimates itself are those
-  // of a base that stands still.
+  // A law may control a real arm together with a carried one, and an arm's own estimate of forces assumes a
+  // fixed base.
   for (ArmIndex other = 0; other < config.arms.size(); ++other) {
     if (!backend.capabilities(other).simulated)
       throw std::invalid_argument(who + "stands on arm '" + carrier.name + "', and arm '" +

@@ -30,8 +30,8 @@ struct RequestName {
   const char* action = nullptr;
 };
 
-// Until when a request may be begun: host time [ns], which its asker may bring forward. None: no limit but
-// the backend's own.
+// Latest start of a request: host time [ns], which its sender may bring forward. None: only the backend's own
+// limit.
 using BeginBy = std::shared_ptr<const std::atomic<std::int64_t>>;
 inline bool is_past(const BeginBy& limit, HostTime now) {
   return limit && now.ns > limit->load(std::memory_order_relaxed);
@@ -96,7 +96,7 @@ struct ContactThresholds {
 struct SetCollisionThresholds {
   ContactThresholds nominal;                      // at constant velocity and at rest
   std::optional<ContactThresholds> acceleration;  // while the arm accelerates; none: as nominal
-  // No name: higher thresholds let an arm press harder on a person before it stops.
+  // No name: higher thresholds would let an arm press harder on a person before it stops.
   void visit(auto& fields) {
     fields.required("nominal", nominal);
     fields.optional("acceleration", acceleration);
@@ -249,7 +249,7 @@ using WorldRequest = AskedRequest<PlaceObject, ResetSimulation, PauseSimulation,
 
 using BackendRequest = std::variant<ArmRequest, GripperRequest, WorldRequest>;
 
-// What ends a motion is never too late.
+// A request that ends a motion is never too late.
 inline bool ends_motion(const BackendRequest& request) {
   if (const auto* of_arm = std::get_if<ArmRequest>(&request)) {
     const auto* button = std::get_if<SetUserStop>(of_arm);

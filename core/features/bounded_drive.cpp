@@ -13,8 +13,8 @@ constexpr double kRise = 0.1;      // [s]
 constexpr double kJointSpeed = 1;  // of all joints together [rad/s], [m/s]
 constexpr double kSteepest = 200;  // [1/s]
 
-// The share of a pull that is allowed: with what other features draw along it up to `most`, and as much as
-// they and the controllet, `rest`, press against it.
+// The share of a pull that is allowed: together with the pulls of other features along it up to `most`, plus
+// as much as they and the controllet, `rest`, press against it.
 double allowed_share(double most, const Vector3& pull, const Vector3& others, const Vector3& rest,
                      double light) {
   const double size = pull.norm();

@@ -4,11 +4,11 @@
 
 namespace multipanda {
 
-// What the potential of a feature may drive an arm with, so that none throws an arm that is near an obstacle
-// or a limit when it is switched on, changed, or let go. `tau` (n x 1) is scaled:
-//   - It draws a hand that something holds with spring_force and spring_moment at most, less what features
-//     before it, in arm.tau, draw along it, and with less where the arm is so light that it would have the
-//     speeds below within 5 ms. A carriage is driven with spring_force likewise.
+// Bounds the torque of a feature's potential, so that no feature throws an arm near an obstacle or a limit
+// when it is switched on, changed, or released. `tau` (n x 1) is scaled: - It pulls a hand that something
+// holds with spring_force and spring_moment at most, less the pulls of earlier features, in arm.tau, along
+// it, and less where the arm is so light that it would reach the speeds below within 5 ms. A carriage is
+// driven with spring_force likewise.
 //   - To that comes as much again as controllet and other features press against it, up to the bounds: else a
 //     law could press an arm into an obstacle.
 //   - It grows by the bounds within 0.1 s at most: a step would meet the limit of torque rates, and still act
@@ -27,7 +27,7 @@ class BoundedDrive {
                     const JointMatrix& factor, const JointVector* law);
 
  private:
-  double share_ = 0;  // of the bounds, with which it draws; a start needs no reset, since features fade in
+  double share_ = 0;  // of the bounds, with which it pulls; a start needs no reset, since features fade in
 };
 
 }  // namespace multipanda

@@ -15,7 +15,8 @@ namespace {
 
 constexpr double kNothingNear = 10;  // [m]; output if no pair is nearer
 // A hull around a base is wider than the body. Nearer to one than this share of the range, where the force is
-// four times its slope times the range and more, an arm would be thrown out when the feature is switched on.
+// four times its slope times the range and more, an arm would be pushed away fast when the feature is
+// switched on.
 constexpr double kClearShare = 0.2;
 
 // The damping of an approach is at most this, times the mass that it acts on. A damping D answers a velocity
@@ -23,7 +24,7 @@ constexpr double kClearShare = 0.2;
 // to D / m = 1 / (e T), 92 1/s for T = 4 ms.
 constexpr double kDampingRate = 100;  // [1/s]
 
-// Most that a pair is pushed with, over spring_force: as much again as a law may press with.
+// Largest push of a pair, over spring_force: as much again as a law may press with.
 constexpr double kMostOfPair = 2;
 
 // With x = 1 - d/r: F/(k r) = h(x) = x / (1 - x), V/(k r^2) = -x - ln(1 - x): a spring of stiffness k at the
@@ -132,7 +133,7 @@ class CollisionAvoidance final : public Feature {
       braking_[k] = drive_[k];
     }
     // The nearest pair of the last cycle gives a bound that rules out most other pairs. A bound that is not a
-    // number is that of an arm that nothing is known of: its pairs are left out, in both places.
+    // number belongs to an arm with an unknown state: its pairs are left out, in both places.
     double smallest = kNothingNear;
     if (pairs_.size() > 0 && pairs_.at_least(nearest_) < smallest) {
       smallest = std::min(smallest, pairs_.closest(nearest_).distance);
@@ -224,14 +225,14 @@ class CollisionAvoidance final : public Feature {
     largest_force_ = std::max(largest_force_, spring + damping * closing);
   }
 
-  // An arm of another owner whose velocity is unknown counts as standing still.
+  // An arm of another owner whose velocity is unknown counts as resting.
   static double speed_along(ControlContext& context, ArmIndex arm, const JointVector& along) {
     if (along.size() == 0) return 0;
     const double speed = along.dot(context.scene_arms[arm].dq());
     return std::isfinite(speed) ? speed : 0;
   }
 
-  // The factor of the arm's mass matrix, or nullptr for an arm of which nothing is known now.
+  // The factor of the arm's mass matrix, or nullptr for an arm whose state is unknown now.
   const JointMatrix* factor_of(ControlContext& context, ArmIndex arm) {
     ModelTerms& terms = *context.scene_arms[arm].terms;
     if (!factored_.contains(arm)) {
@@ -241,8 +242,8 @@ class CollisionAvoidance final : public Feature {
     return &factor_[arm];
   }
 
-  // n^T J M^-1 J^T n: one over the mass that a force along n finds at the point [1/kg]. Zero for an arm of
-  // which nothing is known now: it counts as immovable.
+  // n^T J M^-1 J^T n: one over the effective mass along n at the point [1/kg]. Zero for an arm whose state is
+  // unknown now: it counts as immovable.
   double mobility_along(ControlContext& context, ArmIndex arm, const JointVector& along) {
     const JointMatrix* factor = along.size() == 0 ? nullptr : factor_of(context, arm);
     if (factor == nullptr) return 0;

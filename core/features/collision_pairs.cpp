@@ -56,8 +56,8 @@ CollisionPairs::CollisionPairs(const FeatureContext& context) : obstacles_(conte
                                 std::to_string(bodies_.size()));
   }
 
-  // A shape of the base that another arm has at the same place is the same body: of two arms of one robot.
-  // Which links of that arm are checked against it, its own model says.
+  // A base shape that another arm has at the same place is the same body, of two arms of one robot. The model
+  // of that arm defines which of its links are checked against it.
   const auto is_base_of = [&](std::size_t body, ArmIndex other) {
     if (bodies_[body].joint >= 0) return false;
     for (std::size_t i = first[other]; i < first[other + 1]; ++i) {

@@ -20,8 +20,8 @@ class Feature {
   // Human-readable reason why start() refuses in any state; empty if it does not. Fixed by the constructor;
   // any thread.
   virtual std::string_view refusal() const { return {}; }
-  // What start() asks of the measured state, as text; a refused start may name what it met. Whether it is
-  // empty is fixed by the constructor: if it is, start() accepts every state, and a hold may have the
+  // What start() requires of the measured state, as text; a refused start may name the violation. Whether it
+  // is empty is fixed by the constructor: if it is, start() accepts every state, and a hold may have the
   // feature. Any thread.
   virtual std::string_view start_condition() const { return {}; }
   virtual LawResult start(ControlContext& context) = 0;   // in the cycle it is switched on

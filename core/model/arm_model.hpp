@@ -44,7 +44,8 @@ struct CollisionShape {
   bool scene = true;  // checked against obstacles; false for parts that stand on them
 };
 
-// Farther from the flange no usual tool ends; an end effector out there turns the arm's real tool fast [m].
+// No usual tool extends farther from the flange; an end effector out there would turn the arm's real tool
+// fast [m].
 inline constexpr double kFarthestEndEffector = 0.5;
 
 // The data that an ArmModel is built from. It fixes neither the joint count nor the manufacturer.

@@ -11,8 +11,8 @@
 
 namespace multipanda {
 
-// A revolute axis that leans by phi leads what is behind it around a cone, which changes its lean by at most
-// 2 phi.
+// A revolute axis that leans by phi moves everything behind it around a cone, which changes its lean by at
+// most 2 phi.
 std::string turns_against_gravity(const ArmModel& carrier, std::size_t joint) {
   ModelTerms terms(std::shared_ptr<const ArmModel>(std::shared_ptr<void>(), &carrier));
   terms.update(carrier.q_home(), JointVector::Zero(carrier.q_home().size()));

@@ -17,11 +17,11 @@ struct BaseMount {
   Pose X_JB;  // base B of the carried arm in that joint's frame, ModelTerms::X_WJ(joint) of the carrier
 };
 
-// Why the joints of a carrier up to `joint` would turn what stands behind them against gravity, as text;
-// empty: they do not. Revolute axes are to be vertical and prismatic ones level, each with an error of at
-// most kUpright in every pose: an arm compensates gravity for the direction in which it was mounted, and the
-// carrier compensates its own weight only. An arm of 18 kg then leaves at most about 4 N m, or 4 N,
-// uncompensated. Not for the loop.
+// Why the joints of a carrier up to `joint` would turn the carried arm against gravity, as text; empty: they
+// do not. Revolute axes are to be vertical and prismatic ones level, each with an error of at most kUpright
+// in every pose: an arm compensates gravity for the direction in which it was mounted, and the carrier
+// compensates its own weight only. An arm of 18 kg then leaves at most about 4 N m, or 4 N, uncompensated.
+// Not for the loop.
 inline constexpr double kUpright = 0.02;  // sine of the angle: 1.1 degrees
 std::string turns_against_gravity(const ArmModel& carrier, std::size_t joint);
 

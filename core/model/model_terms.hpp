@@ -34,8 +34,8 @@ class ModelTerms {
   // was, at rest.
   void stand_on(ModelTerms& carrier, const BaseMount& mount);
   // For the carrier, once before the loop: M, c and g include the carried arm as a rigid body of the link
-  // behind `joint`, as it is posed now; momentum counts its own motion, too. `carried` must outlive this
-  // object. While its state is not finite, it counts as the body that it was, fixed to that link.
+  // behind `joint`, in its present configuration; momentum counts its own motion, too. `carried` must outlive
+  // this object. While its state is not finite, it counts as the last known body, fixed to that link.
   void carry(ModelTerms& carried, std::size_t joint);
   const Pose& X_WB() const { return X_WB_; }  // of the base now
   // Torques of the joints up to `joint` that press with the wrench F at the point p_W of what stands behind
@@ -75,8 +75,8 @@ class ModelTerms {
 
   JointVector coriolis_times(const JointVector& v);   // C(q, dq) v by Christoffel symbols (n x 1) [N m]
   Vector6 jacobian_rate_times(const JointVector& v);  // (dJ_V_WE/dt) v (6 x 1)
-  // C_c V (6 x 1) [N, N m], C_c = J_bar^T C J_bar - Lambda dJ/dt J_bar: what a motion of E with the twist V
-  // needs at constant V, beside the self-motion. dLambda/dt - 2 C_c is skew on twists.
+  // C_c V (6 x 1) [N, N m], C_c = J_bar^T C J_bar - Lambda dJ/dt J_bar: the wrench that a motion of E needs
+  // at constant twist V, besides the self-motion. dLambda/dt - 2 C_c is skew on twists.
   Vector6 task_coriolis(const Vector6& V);
 
   // Task space at E, world axes

@@ -17,9 +17,10 @@ struct TaskSpace {
   JointBy6 J_bar;        // M^-1 J^T Lambda, dynamically consistent inverse (n x 6)
   bool floored = false;  // an eigenvalue of A was below the floor
 
-  // Where the floor acts, J_bar^T tau is less than what the hand presses with: near the stretched elbow an
-  // arm is a toggle press. Press * (J_bar^T tau) = A^-1 J M^-1 tau is the wrench (6 x 1) [N, N m] on whatever
-  // holds the hand, with the eigenvalues of A raised to kPressFloor only. The identity unless `floored`.
+  // Where the floor acts, J_bar^T tau is less than the force at the hand: near the stretched elbow an arm
+  // acts like a toggle press. Press * (J_bar^T tau) = A^-1 J M^-1 tau is the wrench (6 x 1) [N, N m] on
+  // whatever holds the hand, with the eigenvalues of A raised to kPressFloor only. The identity unless
+  // `floored`.
   static constexpr double kPressFloor = 1e-4;
   Matrix6 press() const;
 

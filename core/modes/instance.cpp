@@ -75,7 +75,7 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     scene_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], of_controllet});
   }
   const FeatureContext context{all_models, arm_list_, blocks.obstacles, blocks.friction_compensated};
-  for (const auto& model : models) model->least_inertia();  // found once, not in the loop
+  for (const auto& model : models) model->least_inertia();  // looked up once, not in the loop
   controllet_ = controllet_type(config, registry, blocks).create(models);
   bound_revolute_joints(descriptor_.parameters, *models[0], parameters_);
   controllet_->bound_parameters(parameters_);
@@ -338,10 +338,10 @@ LawResult Instance::start(const Tick& tick) try {
   return LawResult::fault;
 }
 
-// Arms that stand on others, and those that carry them, are for laws that say so: a pose
-// that a law keeps in coordinates of a base would be wrong. A law whose carrier is lost does not know where
-// its arm is, and a carrier sweeps the arm on it, which a stop is to leave where it is: each counts as
-// observed by the laws of the other, except by a hold, which needs no more than its own joints.
+// Carried arms and their carriers need laws that declare support for them: a pose that a law keeps in
+// coordinates of a base would be wrong. A law whose carrier is lost does not know where its arm is, and a
+// carrier sweeps its carried arm, which a stop must leave in place: each counts as observed by the laws of
+// the other, except by a hold, which needs only its own joints.
 void Instance::see_bases(const ArmBlocks& blocks) {
   const ArmSet involved = arms_ | observed_;
   for (ArmIndex arm = 0; arm < blocks.mounts.size(); ++arm) {
@@ -408,7 +408,7 @@ bool Instance::begins_tick(ArmSet due, const Tick& tick) {
   return begins;
 }
 
-// An end effector that was redefined is elsewhere, while the arm has not moved.
+// A redefined end effector is elsewhere, although the arm has not moved.
 void Instance::carry_set_points(const Tick& tick) {
   for (std::size_t i = 0; i < law_arms_.size(); ++i) {
     const Pose& X_FE = law_arms_[i].state->frames.X_FE;
@@ -419,8 +419,8 @@ void Instance::carry_set_points(const Tick& tick) {
   }
 }
 
-// The arm's own hand shares the bound with what sweeps its base. The hand of an arm that stands on this one
-// has the same bound.
+// The arm's own hand shares the bound with the motion of its base. The hand of a carried arm has the same
+// bound.
 void Instance::bound_joint_speed(Reference& input) {
   const OwnedArm& arm = law_arms_[input.spec().arm];
   ModelTerms& terms = *arm.terms;
@@ -436,7 +436,7 @@ void Instance::bound_joint_speed(Reference& input) {
   input.bound_carried_speed(J);
 }
 
-// Flange and tool are as hard as the end effector, wherever that is.
+// Flange and tool have the same bound as the end effector, wherever that is: they are as hard.
 void Instance::bound_points(Reference& input) {
   const InputSpec& spec = input.spec();
   double farthest = 0;
@@ -454,7 +454,7 @@ void Instance::bound_points(Reference& input) {
 }
 
 Intervention Instance::update(const Tick& tick) try {
-  // After missed cycles the references go on from where they were, rather than catch up in one step.
+  // After missed cycles the references continue from their last value, without catching up in one step.
   constexpr double kLongestTick = 5;  // periods
   dt_ = std::clamp(seconds(tick.t - last_tick_), 1e-6, kLongestTick * tick.period);
   last_tick_ = tick.t;
@@ -478,7 +478,7 @@ Intervention Instance::update(const Tick& tick) try {
 }
 
 // A feature whose arm is already within range of an obstacle or limit would start with a step, and one that
-// holds its arm off would end with one.
+// holds its arm back would end with one.
 LawResult Instance::update_faded(FeatureSlot& slot, ControlContext& context, double goal) {
   const double step = dt_ / ParameterSet::kRamp;
   slot.fade = std::clamp(goal, slot.fade - step, slot.fade + step);
@@ -510,7 +510,7 @@ Intervention Instance::run_features(const Tick& tick) {
 }
 
 // A hold has one arm. Keeps the torque of its features at rest, where only potentials act, as far as the
-// spring opposes it: what that does not bear yet would move the arm on.
+// spring opposes it: the rest would move the arm.
 void Instance::keep_still(const Tick& tick) {
   OwnedArm &law = law_arms_[0], &feature = feature_arms_[0], &shown = scene_arms_[arm_list_[0]];
   const ArmState* measured = law.state;
@@ -537,8 +537,8 @@ void Instance::keep_still(const Tick& tick) {
   still_share_ = 1;
 }
 
-// While its arm is stopped the features of a hold are there for their outputs. Afterwards they fade in, and
-// what they did at the stop fades out.
+// While its arm is stopped, the features of a hold only compute their outputs. Afterwards they fade in, and
+// their torque at the stop fades out.
 Intervention Instance::update_features(const Tick& tick) try {
   if (stopped_ && still_share_ < 1) keep_still(tick);
   const Intervention found = run_features(tick);

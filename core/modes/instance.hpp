@@ -98,10 +98,10 @@ class Instance {
   void set_parameter(std::size_t i, std::span<const double> values, bool active);
   LawResult set_feature(std::size_t i, bool on, bool active, const Tick& tick);
   void set_stopped(bool stopped) { stopped_ = stopped; }  // its arm, of a hold
-  // Ends of the newest goal of an input, from the arms' present state on. False: an arm's force would have to
-  // be known, and is not.
+  // Ends of the newest goal of an input, from the arms' present state on. False: it needs the force of an
+  // arm, which is unknown.
   bool watch_goal(std::size_t input, const Target& goal, const GoalEnd& until);
-  // Before update(): ends a goal whose end has come. Returns whether there was one.
+  // Before update(): ends a goal whose end condition is met. Returns whether there was one.
   struct EndedGoal {
     std::size_t input = 0, arm = 0;  // arm: index in the list of its arms
     GoalEnd::Cause cause = GoalEnd::force;
@@ -174,7 +174,7 @@ class Instance {
   bool bases_move_ = false;  // an arm of the scene stands on another one
   ContactBounds contact_;
   bool stopped_ = false;
-  // What a hold's features did when its arm was stopped: that remains, and fades out after a resume.
+  // Torque of a hold's features when its arm was stopped: it remains, and fades out after a resume.
   double still_share_ = 0;  // 1 while it is stopped
   JointVector still_tau_;   // (n x 1) [N m]
   ArmState at_rest_;

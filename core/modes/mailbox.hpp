@@ -22,10 +22,10 @@ class Mailbox {
   // --- any thread except the loop's ---
   // Queues the requests so that the loop takes them in one cycle. After `patience_s` it refuses them. Their
   // tickets are consecutive; returns the last one. 0: no requests, more than kMaxBatch, or the queue is full.
-  // `asked`: when their sender decided, if that was before now.
+  // `asked`: when they were sent, if before now.
   std::uint64_t post(std::span<const Request> requests, double patience_s = kForever,
                      HostTime asked = host_now());
-  // Takes the requests of a call back; `ticket` is the one that post() returned. true: the loop will never
+  // Withdraws the requests of a call; `ticket` is the one that post() returned. true: the loop will never
   // execute any of them. false: it has taken or refused them, and answers at the end of that cycle.
   bool withdraw(std::uint64_t ticket);
   // Returns the answer if the loop has given it. The last kAnswers answers are kept. `answer` is unchanged if
@@ -49,7 +49,7 @@ class Mailbox {
   std::size_t batch_size() const { return batch_; }
   const Posted& of_batch(std::size_t i) const { return ring_.peek(i); }
   bool in_batch() const { return taken_of_batch_ > 0; }  // part of the front's batch has been taken
-  // Decides once for all requests of the front's batch. Either the asker's withdraw() succeeds or this does.
+  // Decides once for all requests of the front's batch. Either the sender's withdraw() succeeds or this does.
   Claim claim(HostTime now);
   void pop();
   void answer(const Answer& answer);

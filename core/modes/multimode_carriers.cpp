@@ -1,12 +1,12 @@
 #include "core/modes/multimode_controller.hpp"
 #include "core/modes/request.hpp"
 
-// Arms that stand on others: what their laws ask of the arm that carries them, and forbid it.
+// Arms that stand on others: what their laws require of their carrier, and forbid it.
 namespace multipanda {
 
-// A Cartesian law bounds speed and force of its own hand only. What stands on its arm is not swept by it,
-// unless that arm has such a law, too, which keeps its hand in the world. An arm that somebody leads by hand
-// is swept by no law but one that is led by hand as well.
+// A Cartesian law bounds speed and force of its own hand only. It may move a carried arm only if that arm has
+// a Cartesian law, too, which keeps its hand in the world. An arm that a person guides may only be moved by a
+// carrier that a person guides as well.
 bool MultimodeController::sweeps_carried_arm(InstanceIndex instance, InstanceSet active) const {
   bool sweeps = false;
   const ControlletDescriptor& law = instances_[instance]->descriptor();
@@ -24,7 +24,7 @@ bool MultimodeController::sweeps_carried_arm(InstanceIndex instance, InstanceSet
   return sweeps;
 }
 
-// A stop of an arm is one of the arm that carries it.
+// A stop of an arm also stops its carrier.
 ArmSet MultimodeController::with_carriers(ArmSet arms) const {
   ArmSet all = arms;
   for (ArmIndex arm = 0; arm < blocks_.mounts.size(); ++arm) {

@@ -111,7 +111,7 @@ SwitchPlan MultimodeController::plan(InstanceSet active, const Request& request)
 }
 
 // Whether an arm would be observed, directly or through others, by its own owner: arms that follow each other
-// in a circle drift or oscillate, and nothing bounds what they add up to.
+// in a circle drift or oscillate without bound.
 bool MultimodeController::observes_itself(InstanceSet instances) const {
   std::array<ArmSet, kMaxArms> sees{};
   for_each(instances, [&](InstanceIndex i) {
@@ -119,7 +119,7 @@ bool MultimodeController::observes_itself(InstanceSet instances) const {
       for (const ArmIndex leader : instances_[i]->observed_list()) sees[arm] |= ArmSet::of(leader);
     });
   });
-  for (std::size_t round = 0; round < arm_count(); ++round) {  // the longest way has an arm per round
+  for (std::size_t round = 0; round < arm_count(); ++round) {  // the longest path has an arm per round
     for (ArmIndex arm = 0; arm < arm_count(); ++arm) {
       for_each(sees[arm], [&](ArmIndex other) { sees[arm] |= sees[other]; });
       if (sees[arm].contains(arm)) return true;

@@ -37,8 +37,8 @@ class MultimodeController {
   void schedule(std::vector<ScheduledRequest> requests);  // adds to the requests already scheduled
   // The instances that run from the first cycle on. Throws std::invalid_argument if two own the same arm.
   void activate_at_start(InstanceSet instances);
-  // For a loop on the wall clock: if it stood still (GapWatch), all arms are stopped at the next boundary,
-  // and what was posted before and has a patience is refused.
+  // For a loop on the wall clock: if it stalled (GapWatch), all arms are stopped at the next boundary, and
+  // earlier requests with a patience are refused.
   void stop_after_gaps() { stops_after_gaps_ = true; }
   // The end effector that counts for check() until the arm shows its own.
   void set_end_effector(ArmIndex arm, const Pose& X_FE) { reach_.set_end_effector(arm, X_FE); }
@@ -55,11 +55,11 @@ class MultimodeController {
   InstanceSet active() const { return active_shared_.load(std::memory_order_acquire); }
   InstanceIndex owner(ArmIndex arm) const { return owners_[arm].load(std::memory_order_acquire); }
   ArmSet stopped() const { return ArmSet::from_bits(stopped_shared_.load(std::memory_order_acquire)); }
-  // The number of stops until now. Read before stopped(), it counts none that stopped() does not show.
+  // The number of stops until now. Read it before stopped(): then stopped() shows every stop that it counts.
   std::uint32_t stops() const { return stops_.load(std::memory_order_acquire); }
 
   // Checks whatever does not need the loop: names, sizes, bounds, joint limits, reach, two owners, stopped
-  // arms. Every goal and sample passes here, whichever way it came.
+  // arms. Goals and samples from every interface pass here.
   Verdict check(const Request& request) const;
   // The same of a sample of a stream, which only a running controllet takes.
   Verdict check_sample(const Request& sample) const;
@@ -75,8 +75,8 @@ class MultimodeController {
   static constexpr double kAnswerPatience = 10;  // [s]
   Verdict post(std::span<const Request> requests, std::uint64_t& ticket, double patience_s = kPatience,
                HostTime asked = host_now());
-  // Takes back what post() queued. true: it will never be executed. false: the loop has decided, its answer
-  // follows. To be called before one stops waiting for an answer.
+  // Withdraws what post() queued. true: it will never be executed. false: the loop has decided, its answer
+  // follows. Call it before giving up on an answer.
   bool withdraw(std::uint64_t ticket) { return mailbox_.withdraw(ticket); }
   bool poll(std::uint64_t ticket, Answer& answer) const { return mailbox_.poll(ticket, answer); }
   // Posts, then polls for the answers of the loop. Returns the first refusal, otherwise the last answer.
@@ -90,7 +90,8 @@ class MultimodeController {
   void stop(ArmSet arms) { stop_requests_.fetch_or(arms.bits(), std::memory_order_acq_rel); }
 
   // --- loop thread, between two steps ---
-  // Refuses what was posted before now and has a patience: nobody asked it of this run of the loop.
+  // Refuses requests with a patience that were posted before now: they were not meant for this run of the
+  // loop.
   void begin_anew() {
     began_ = host_now();
     gaps_.restart(began_);

@@ -41,9 +41,9 @@ void MultimodeController::take_requests(const Tick& tick) {
   take_waiting_starts(tick);
 }
 
-// Requests whose askers still wait. Those of the others are refused, or have been withdrawn. A batch is
-// refused as a whole if a stop came between its post and now, and from its first refusal on: what follows may
-// rely on it.
+// Requests whose senders still wait. The others are refused, or have been withdrawn. A batch is refused as a
+// whole if a stop came between its post and now, and from its first refusal on, since later requests may rely
+// on it.
 void MultimodeController::take_mail(const Tick& tick) {
   for (std::size_t taken = 0; taken < kPerStep || mailbox_.in_batch(); ++taken) {
     const Mailbox::Posted* posted = mailbox_.front();
@@ -102,7 +102,7 @@ void MultimodeController::give_up_starts_that_observe(ArmSet arms) {
 
 // After all other requests of this boundary, which may have canceled waiting starts.
 void MultimodeController::take_waiting_starts(const Tick& tick) {
-  constexpr double kPatience_s = 5;  // with observed arms: nobody expects a start that comes minutes later
+  constexpr double kPatience_s = 5;  // with observed arms: a start minutes later would be unexpected
   give_up_starts(stopped_);
   give_up_starts_that_observe(stopped_);
   for_each(waiting_, [&](InstanceIndex i) {
@@ -333,7 +333,7 @@ void MultimodeController::inspect(const Tick& tick) {
   inspect_observed(tick);
 }
 
-// What a lost arm last did is no set-point, and who stops an arm stops what follows it. The followers' arms
+// The last motion of a lost arm is not a set-point, and a stop of an arm also stops its followers. Their arms
 // are held until they are switched again, which aligns them again.
 Finding MultimodeController::inspect_observed(ArmIndex arm) const {
   if (stopped_.contains(arm)) return {Intervention::observed_arm_lost};
@@ -357,8 +357,8 @@ bool MultimodeController::sees_observed(InstanceIndex instance) const {
   return sees;
 }
 
-// The hold itself failed: only the arm's own gravity compensation remains. Nobody needs to hear this of an
-// arm that takes no commands, for example in a reflex.
+// The hold itself failed: only the arm's own gravity compensation remains. This is not reported for an arm
+// that takes no commands, for example in a reflex.
 void MultimodeController::report_hold(ArmIndex arm, const Finding& finding, const Tick& tick) {
   if (!blocks_.conditions[arm].usable) return;
   safety_.count(arm, finding.rule);

@@ -19,10 +19,10 @@ class Reach {
   // The active end effector. Without one, nothing is refused. Any thread; no allocation.
   void set_end_effector(ArmIndex arm, const Pose& X_FE);
 
-  // Whether the pose in the world that an input asks for may be in reach; true: or the input carries
+  // Whether the pose in the world that an input requests may be in reach; also true if the input carries
   // something else. For a controllet of one arm, the pose is its end effector's. For several arms it may be
   // that of the input's arm or the middle of the hands: out of reach if neither can be there. `why`: nullptr,
-  // or gets the words. Any thread.
+  // or gets the reason. Any thread.
   bool contains(const Instance& instance, const InputSpec& input, std::span<const double> values,
                 std::string* why) const;
 

@@ -54,9 +54,9 @@ struct Request {
   Target target;  // set_target
   GoalEnd until;  // set_target: of a goal for a pose or joints
 
-  ArmSet arms;  // resume, unless one of them was stopped by a later stop than its asker has seen
+  ArmSet arms;  // resume, unless one of them was stopped after the state that the sender saw
   static constexpr std::uint32_t kEveryStop = 0xFFFFFFFF;
-  std::uint32_t stops = kEveryStop;  // MultimodeController::stops() when the asker looked
+  std::uint32_t stops = kEveryStop;  // MultimodeController::stops() of that state
 
   std::uint16_t batch = 1;  // number of requests of one call, taken in the same cycle; set in the first one
 };

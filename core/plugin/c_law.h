@@ -5,8 +5,7 @@
  *
  *   const multipanda_c_laws* multipanda_laws(void);
  *
- * Version and sizes of the structures take the place of the headers' hash (core/plugin/plugin.hpp): the program refuses
- * a library with other ones. Everything is plain data that stays valid for ever.
+ * Version and sizes of the structures take the place of the headers' hash (core/plugin/plugin.hpp): the program refuses a library with other ones. Everything is plain data that stays valid for ever.
  *
  * Units are SI, frames and signs those of CONVENTIONS.md: W is the world, E the end effector, K the stiffness frame;
  * 6-vectors are linear first, in world axes; matrices are row-major. */
@@ -98,8 +97,7 @@ typedef struct {
 typedef struct {
   double dt;     /* since the last tick [s]; of the start: 0.001 */
   double time_s; /* the loop's time */
-  /* Bounds for an arm beside a person (docs/contact.md), infinite if lifted. The set-points keep to hand_speed; what a
-   * law pulls with is up to the law. */
+  /* Bounds for an arm beside a person (docs/contact.md), infinite if lifted. The set-points keep to hand_speed; a law must bound its own pull. */
   double hand_speed;    /* [m/s] */
   double spring_force;  /* [N] */
   double spring_moment; /* [N m] */

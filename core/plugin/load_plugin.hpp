@@ -9,10 +9,10 @@
 
 namespace multipanda {
 
-// Loads a user's library (core/plugin/plugin.hpp says what it exports, c_law.h what a library of laws behind
-// the C interface exports) and adds its controllets, features and backends. Throws std::runtime_error with
-// the reason: not found, unresolved symbol, built with other headers or other flags, another version of the C
-// interface; std::invalid_argument if a name is taken. A loaded library is never unloaded.
+// Loads a user's library (exports: core/plugin/plugin.hpp, or c_law.h for laws behind the C interface) and
+// adds its controllets, features and backends. Throws std::runtime_error with the reason: not found,
+// unresolved symbol, built with other headers or other flags, another version of the C interface;
+// std::invalid_argument if a name is taken. A loaded library is never unloaded.
 void load_plugin(Registry& registry, const std::string& path);
 
 // The laws of a library behind the C interface (c_law.h) as controllets. Throws std::runtime_error with the

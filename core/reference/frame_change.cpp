@@ -7,8 +7,8 @@
 namespace multipanda {
 namespace {
 
-// Motion of a frame fixed to another one, X away from it: positions, velocities and accelerations of one
-// rigid body, at another of its points.
+// Motion of a frame fixed to another one, X away from it: position, velocity and acceleration of one rigid
+// body at another point.
 void move_along(const Pose& X, Pose& X_d, Twist& V, Twist& A) {
   const Vector3 r = X_d.rotation * X.position;
   const Vector3 omega = V.angular(), alpha = A.angular();
@@ -21,7 +21,7 @@ void move_along(const Pose& X, Pose& X_d, Twist& V, Twist& A) {
 
 void Reference::carry(const Pose& X) {
   if (spec_.quantity != Quantity::pose) return;
-  // The segment is carried alone: a motion on top of it moves only the position, in world axes, and stays.
+  // Only the segment is transformed: a motion on top of it moves only the position, in world axes, and stays.
   QuinticSegment::Sample base, end;
   segment_.evaluate(t_, base);
   segment_.evaluate(std::max(t_, segment_.duration()), end);

@@ -72,7 +72,7 @@ double Reference::plan_rest(const QuinticSegment::Values& goal, double duration_
 }
 
 // Highest speed of the planned segment relative to the limit (or to the current speed, if that is higher).
-// From rest the pace has the time to bound a pose's points; plans in motion follow each other faster than it.
+// From rest the pace has enough time to bound a pose's points; replanning in motion is faster than the pace.
 double Reference::peak_excess(std::size_t samples) const {
   const bool moving = now_.velocity != QuinticSegment::Values{};
   const auto speeds = [&](const QuinticSegment::Sample& s) -> Magnitude {

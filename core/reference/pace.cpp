@@ -52,8 +52,8 @@ void Reference::bound_points(double greatest, std::span<const Vector3> from_hand
   farthest_ = farthest;
 }
 
-// Each hand for itself: hands that something between them loads are pulled in opposite directions, and the
-// set-point waits for the one that it would load more.
+// Each hand separately: an object between two hands pulls them in opposite directions, and the set-point
+// waits for the hand that it would load more.
 void Reference::add_resistance(const Resistance& hand) {
   const auto share = [](const Resistance& r) { return std::max(r.force_share, r.moment_share); };
   if (resisting_count_ < resisting_.size()) {
@@ -143,7 +143,7 @@ double Reference::hand_speed(const QuinticSegment::Values& velocity) const {
   return std::max(fastest, twist(J_carried_).head<3>().norm());
 }
 
-// For plans. What sweeps the base of an arm may leave its hand nothing; then the pace is zero, but a plan
+// For plans. The motion of an arm's base may use up the speed of its hand; then the pace is zero, but a plan
 // needs a duration.
 double Reference::hand_bound() const {
   constexpr double kSlowest = 0.01;  // [m/s]

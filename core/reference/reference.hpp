@@ -69,7 +69,7 @@ class Reference {
   // range, a quaternion far from unit length, a duration or period above a day; a motion that is too fast,
   // has above a million cycles, or whose ramp is longer than the motion).
   Verdict check(const Target& target) const { return inspect(target, nullptr); }
-  // What check() finds, in words; empty: nothing, or something that only a motion can get wrong.
+  // The finding of check() as text; empty: none, or one that only motions can have.
   std::string refusal(const Target& target) const;
   // Far beyond any arm's positions, speeds and forces [m, m/s, rad/s, N, N m].
   static constexpr double kGreatest = 1000;
@@ -91,7 +91,7 @@ class Reference {
   // the newest, so that many senders cannot make a cycle longer.
   void set(const Target& target);
   // The frame that follows this pose was redefined: it is now X away from the old one, X_new = X_old X. Moves
-  // the set-point, its goal and its velocity along, so that the arm is not asked to move.
+  // the set-point, its goal and its velocity along, so that the arm does not move.
   void carry(const Pose& X);
   // For references owned by a law.
   void limit_speed(double max_speed) { spec_.max_speed = max_speed; }
@@ -105,14 +105,14 @@ class Reference {
   // The same for a pose that carries hands `lever` away from it [m]: |v| + |omega| lever.
   void bound_hand_speed(double greatest, double lever);
   // The same for points that move with a hand, `from_hand` [m] from its origin: of joints in world axes,
-  // within its bound; of a pose in its own axes, within `greatest` or what its position has. `farthest`: of
-  // all hands, at least that of these.
+  // within its bound; of a pose in its own axes, within `greatest` or the speed of its position. `farthest`:
+  // of all hands, at least that of these.
   using Points = std::array<Vector3, 4>;
   void bound_points(double greatest, std::span<const Vector3> from_hand, double farthest);
-  // After advance(), once per hand: what pulls it to this set-point (a wrench in world axes, or torques of
-  // joints), as shares of what is allowed. From kWaitsFrom on the set-point slows down, at 1 it waits, where
-  // it would move along the pull and so load it more. It goes on when the hand follows. Targets that arrive
-  // meanwhile are approached then.
+  // After advance(), once per hand: the pull to this set-point (a wrench in world axes, or joint torques), as
+  // shares of the bound. From kWaitsFrom on the set-point slows down, at 1 it waits, where it would move
+  // along the pull and so load it more. It goes on when the hand follows. Targets that arrive meanwhile are
+  // approached then.
   void resist(const Vector6& pull, double force_share, double moment_share);
   void resist(const JointVector& pull, double share);
   double pace() const { return pace_; }

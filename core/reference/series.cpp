@@ -16,7 +16,7 @@ constexpr double kThreeSamples = 4.47;
 constexpr double kLongestMemory = 0.15;  // time constant of the longest memory [s]
 constexpr double kHalfMemory = 0.02;     // unevenness, in periods, at which half of it is used
 // An error of prediction, in periods, that no unevenness explains: the series turns. Its new velocity is then
-// the smaller of the last two, so that a jump is no velocity.
+// the smaller of the last two, so that a jump does not count as velocity.
 constexpr double kTurn = 0.8;
 
 Matrix3 rotation_of(const Target& sample) { return Pose::from(sample.values.data()).rotation; }

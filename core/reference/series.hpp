@@ -6,11 +6,11 @@
 
 namespace multipanda {
 
-// Where the series of a slow stream of poses or joints is and how it moves on, estimated from its samples.
-// Samples that arrive unevenly look like a series that shakes, so the estimate has a memory: a fading-memory
-// filter of second degree (Morrison, "Introduction to Sequential Smoothing and Prediction", 1969). It forgets
-// all but the last three samples while such three predict the next one, and remembers longer the worse they
-// do. A sample counts at the time of its arrival. Lost samples need no care: they are gaps in time.
+// Position and motion of a slow stream of poses or joints, estimated from its samples. Samples that arrive
+// unevenly look like a series that shakes, so the estimate has a memory: a fading-memory filter of second
+// degree (Morrison, "Introduction to Sequential Smoothing and Prediction", 1969). It forgets all but the last
+// three samples while such three predict the next one, and remembers longer the worse they do. A sample
+// counts at the time of its arrival. Lost samples need no special care: they are gaps in time.
 class Series {
  public:
   using Values = QuinticSegment::Values;

@@ -25,8 +25,8 @@ constexpr double kSlowPeriod = 0.005;  // [s]
 constexpr double kSlowHorizonPeriods = 3.5;
 constexpr double kShortestSlowHorizon = 0.08;  // [s]
 constexpr double kFarthest = 0.15;             // [s]
-// Unevenness d of a series of speed v is taken up with a jerk of at most about v / kUnevenTime^2: the quintic
-// that corrects an error d v within a horizon h begins with a jerk of 60 d v / h^3.
+// Unevenness d of a series of speed v is compensated with a jerk of at most about v / kUnevenTime^2: the
+// quintic that corrects an error d v within a horizon h begins with a jerk of 60 d v / h^3.
 constexpr double kUnevenTime = 0.2;  // [s]
 
 }  // namespace
@@ -40,9 +40,9 @@ void Reference::plan_stream(const Target& target, std::uint64_t steps, double el
   const double measured = elapsed_s / static_cast<double>(steps);
   const bool pose = spec_.quantity == Quantity::pose, begins = period_s_ == 0;
   period_s_ = period_s_ > 0 ? period_s_ + kPeriodFilter * (measured - period_s_) : measured;
-  // A brake is finished first. Left halfway, with its deceleration, the way to rest at a far sample would
-  // lead back at first, and each sample would begin it again. Its time goes on while the set-point waits for
-  // a hand, so that a sample that relieves the hand is soon followed.
+  // A brake is finished first. Interrupted halfway, with its deceleration, the path to rest at a far sample
+  // would go back at first, and each sample would begin it again. Its time continues while the set-point
+  // waits for a hand, so that a sample that relieves the hand is soon followed.
   braking_s_ -= elapsed_s;
   const bool stopping = braking_s_ > 0;
   if (!stopping) rebase();
@@ -107,7 +107,8 @@ bool Reference::too_fast() const {
   return peak_excess(8) > (speed_excess(now_) > kStreamExcess ? 1 : kStreamExcess);
 }
 
-// The largest share of its limits that the velocity of a sample takes; of those of its points at least 1.
+// The largest share of the limits that the velocity of a sample uses; for the limits of its points at least
+// 1.
 double Reference::speed_excess(const QuinticSegment::Sample& sample) const {
   const Magnitude speed = magnitude(sample.velocity);
   return std::max({speed.linear / spec_.max_speed, speed.angular / spec_.max_angular_speed,

@@ -30,8 +30,8 @@ struct SafetyLimits {
   // The same for the only arm of a controllet. Its torques are computed from its own packets only, so never
   // from an old state. The default is 20 periods, after which the arm itself stops.
   double max_silence_s = 0.02;
-  // Added to max_state_age_s for an arm whose packets come at its own instants: half a period of phase, and
-  // two lost packets. The cycle sets it, by what the backend says of the arm.
+  // Added to max_state_age_s for an arm with a clock of its own: half a period of phase, and two lost
+  // packets. The cycle sets it, from the backend's capabilities.
   double own_clock_slack_s = 0;
   double low_pass_hz = 0;            // of the torque, before its last limit; 0: none. Set as above.
   double implausible_factor = 10.0;  // a torque above this multiple of the limit is implausible
@@ -52,22 +52,21 @@ class SafetyStage {
   const SafetyLimits& limits(std::size_t arm) const { return arms_[arm].limits; }
 
   // Once per cycle, before inspect(): how far the arm is beyond its position limits and its workspace.
-  // `held`: its hold owns it. Where a hold stops an arm that its owner took out, the next owner may start;
-  // that one, and all after it, can only reduce how far it is out, until it is inside again, so that none
-  // creeps out by many starts. `began`: the arm takes commands again; somebody else may have moved it since.
+  // `held`: its hold owns it. Where a hold stops an arm that its owner moved outside, the next owner may
+  // start, but it and all later ones can only move it back, until it is inside again, so that no arm creeps
+  // out by many starts. `began`: the arm takes commands again; it may have been moved meanwhile.
   void track_limits(std::size_t arm, const ArmState& state, ModelTerms& terms, bool held, bool began = false);
-  // Somebody stopped the arm, looked at it and resumed it: the next owner may start where its hold is, but no
-  // farther out than the first of these found it, until it is inside again or was led by hand.
+  // After a stop and a resume by a person the next owner may start where its hold is, but no farther out than
+  // at the first of these resumes, until the arm is inside again or was guided by hand.
   void release_limits(std::size_t arm);
   // Checks whether the arm's owner may continue from this measurement. Beyond a position limit or out of the
   // workspace, outward motion is a finding from 0.01 rad/s (m/s) on; 0.02 rad (5 mm) farther out than
-  // track_limits() knows it, everything but motion back is. `alone`: the owner has no other arm.
+  // track_limits() recorded, everything but motion back is. `alone`: the owner has no other arm.
   Finding inspect(std::size_t arm, const ArmCondition& condition, const ArmState& state, ModelTerms& terms,
                   bool alone = false) const;
 
   // Checks whether a controllet that observes the arm, and does not own it, may continue: the arm's state is
-  // finite and no older than longest_gap_s(), and the arm is in a mode in which it moves or is moved. An arm
-  // that is guided by hand takes no commands and may be observed.
+  // finite and no older than longest_gap_s(), and the arm is controlled or guided by hand.
   Finding inspect_observed(std::size_t arm, const ArmCondition& condition, const ArmState& state) const;
 
   // Checks a controllet's torque. Non-finite or implausible torques deactivate the controllet. A vector whose

@@ -19,10 +19,10 @@ struct Finding {
 // The last stage of an arm's torque: its limits, and the limit of its rate.
 //
 // The arm counts the rate from the torque that it has in use. That is the torque sent last, unless the
-// command was lost or came too late: then the arm goes on with an older one, and a command that is one step
-// away from the lost one may be several from that. Nobody can tell at the fresh state whether the last
-// command is only late. So the next torque is at most one step from both, or, if they are more than two steps
-// apart, from the one in use, by which the arm judges. It is one period's step, however many were missed.
+// command was lost or came too late: then the arm continues with an older one, and a command that is one step
+// away from the lost one may be several from that. A fresh state does not show whether the last command is
+// only late. So the next torque is at most one step from both, or, if they are more than two steps apart,
+// from the one in use, by which the arm judges. It is one period's step, however many were missed.
 //
 // No allocation, no exception.
 class TorqueLimiter {
@@ -45,11 +45,10 @@ class TorqueLimiter {
   // do missing ones; values beyond the limit count as the limit.
   void restart(const JointVector& in_use);
   // A torque motion begins, and its state shows this torque in use. Counts from that, as Franka's own client
-  // does, and where one command can be within a step of zero as well, with which motions begin as documented,
-  // from both.
+  // does, and also from zero, the documented start, if one command can be within a step of both.
   void begin(const JointVector& shown);
-  // A fresh state shows which torque is in use. A difference that single precision explains is none. Values
-  // that are not finite or beyond the limit, and missing ones, say nothing.
+  // A fresh state shows which torque is in use. Differences within single precision do not count. Values that
+  // are not finite or beyond the limit, and missing ones, are ignored.
   void observe(const JointVector& in_use);
   // The torque to send. `dt`: since the last one. Values that are not finite become zero.
   const JointVector& limit(const JointVector& requested, double dt, Cuts& cuts);

@@ -52,7 +52,7 @@ struct GripperState {
   bool moving = false;              // a request is in progress
 };
 
-// What the arm's own interface follows and signals beside its measurements. For display and records; no law
+// What the arm's own interface follows and signals besides its measurements. For display and records; no law
 // reads it. `present` is false if the backend does not provide it.
 struct InterfaceReport {
   bool present = false;

@@ -7,8 +7,8 @@ namespace multipanda {
 // Both bodies on the flange as one, each with its share: x a + y b.
 Load combined(const Load& a, double x, const Load& b, double y);
 
-// The payload whose weight an arm compensates: a newly declared one comes in within a second, so that one
-// that is not there, or had not been declared, moves the arm slowly. No allocation.
+// The payload whose weight an arm compensates: a new declaration fades in within a second, so that an arm
+// moves slowly if the load is not there, or was not declared before. No allocation.
 class LoadRamp {
  public:
   static constexpr double kDuration = 1;  // [s]

@@ -10,10 +10,10 @@
 namespace multipanda {
 
 // Speed of the fastest carriage, which is what a prismatic joint moves [m/s], at the joint velocities `dq` (n
-// numbers); 0 without prismatic joints. In a hand's Jacobian `J` (6 x n), the column of a revolute joint
-// turns by 1 and that of a prismatic one by 0, whatever rounding does to the base. Of carriages on each
-// other, each counts alone and with those that carry it: one that is not moved by its own joint may be fast,
-// and so may the gap between two.
+// numbers); 0 without prismatic joints. In a hand's Jacobian `J` (6 x n), the column of a revolute joint has
+// an angular part of 1 and that of a prismatic one of 0, up to rounding. Of stacked carriages, each counts
+// alone and together with those that carry it: a carriage may be fast without motion of its own joint, and so
+// may the gap between two.
 inline double carriage_speed(const Jacobian& J, std::span<const double> dq) {
   double fastest = 0;
   Vector3 v = Vector3::Zero();

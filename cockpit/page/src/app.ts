@@ -211,7 +211,8 @@ export class App {
     if (this.view.world) this.paintAlso(this.view.world);
   }
 
-  // The handler of a drawn frame: devices are read first, then the gate, which beats, then the motions send.
+  // The handler of a drawn frame: reads the devices, then the gate, which sends beats, then sends the
+  // motions.
   private frame(now: number): void {
     const { xr } = this.view.stage.renderer;
     this.devices.gamepad.frame();

@@ -90,7 +90,7 @@ export function rounded(value: number, step: number): number {
 
 export const kHoldHint = "Press it until the arm rests; if you release it earlier, the arm is held.";
 
-/** A button for what may move an arm: it asks the run once, and is held until the arm stands still. */
+/** A button for actions that may move an arm: it sends one request, and is held until the arm rests. */
 export function holdButton(
   holding: Holding,
   text: Child | Child[],

@@ -6,7 +6,7 @@ import { nameAndUnit, spaced } from "../ui/words.ts";
 import { holdButton, Slider } from "./controls.ts";
 
 type Value = number | number[] | string;
-/** What is chosen and not set yet, by controllet and parameter. */
+/** Values chosen but not set yet, by controllet and parameter. */
 export type Drafts = Map<string, number[] | string>;
 
 export interface ParameterSetter {
@@ -26,7 +26,7 @@ function field(controllet: string, parameter: ParameterInfo, setter: ParameterSe
   const { name, moves } = parameter;
   const key = `${controllet}.${name}`;
   const draft = setter.drafts.get(key);
-  // What may move an arm is chosen first, and set while a button is held.
+  // A value that may move an arm is chosen first, and set while a button is held.
   const held = (value: () => Value, set: (value: Value) => Promise<Answer>) =>
     moves
       ? holdButton(

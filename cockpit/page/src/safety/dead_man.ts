@@ -1,7 +1,7 @@
-// Motion only while something is held. One gate for the whole page: whatever moves an arm (a button, a key, a drag,
-// a gamepad, a headset's clutch) is a grip, and the page tells the run that it is held only from the main-thread
-// handler that has just read that grip. A page that is hidden, frozen or closed reads nothing, so it tells nothing,
-// and the run holds the arms when the telling stops.
+// Motion only while something is held. One gate for the whole page: every control that moves an arm (a
+// button, a key, a drag, a gamepad, a headset's clutch) is a grip, and only the main-thread handler that has
+// just read that grip reports it as held. A page that is hidden, frozen or closed reads nothing, so it
+// reports nothing, and the run holds the arms.
 
 /** A control that an operator holds. */
 export interface Grip {
@@ -71,7 +71,7 @@ export class DeadMan {
 
   /**
    * Reads every grip and beats if at least one is still held. Called by the handler of a drawn frame, which the
-   * browser stops for hidden pages. After a gap (a frozen page that wakes up) no reading counts: all is let go.
+   * browser stops for hidden pages. After a gap (a frozen page that wakes up) no reading counts: all grips are released.
    */
   readAll(now: number): boolean {
     if (!this.held) return false;

@@ -1,5 +1,5 @@
-// The picture of a scene: bodies where the state says, and what cannot be seen in the room: forces, ways, set-points,
-// nearness, limits.
+// The picture of a scene: bodies at the poses of the state, and invisible quantities: forces, paths,
+// set-points, small distances, limits.
 import {
   Box3,
   Box3Helper,

@@ -1,6 +1,7 @@
-// A gamepad leads one hand or two while its right bumper is held. Browsers tell nothing about its buttons, so they are
-// read in every frame; that reading is what the run hears of. In the standard layout the left stick moves in the plane,
-// the triggers lower and raise, the right stick turns; the bumpers roll. With two arms, each stick leads a hand.
+// A gamepad moves one hand or two while its right bumper is held. Browsers send no events for its buttons, so
+// they are read in every frame, and that reading is reported to the run. In the standard layout the left
+// stick moves in the plane, the triggers lower and raise, the right stick turns; the bumpers roll. With two
+// arms, each stick moves a hand.
 import type { Holding, Motion } from "../safety/holding.ts";
 import { shaped, type Deflection } from "./jog.ts";
 
@@ -22,7 +23,7 @@ export interface PadReading {
   second: Deflection;
 }
 
-/** With `hands` 2 the left stick leads the first hand in the plane and the right stick the second. */
+/** With `hands` 2 the left stick moves the first hand in the plane and the right stick the second. */
 export function readPad(pad: PadLike, hands: 1 | 2): PadReading {
   const axis = (k: number) => shaped(pad.axes[k] ?? 0);
   const button = (k: number) => pad.buttons[k]?.value ?? 0;

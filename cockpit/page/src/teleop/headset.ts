@@ -1,5 +1,5 @@
-// A headset's controllers lead one hand or two: the squeeze button is the clutch and the dead-man button. The arms are
-// seen in the headset (mixed or virtual reality), drawn in the operator's room.
+// A headset's controllers move one hand or two: the squeeze button is the clutch and the dead-man button. The
+// arms are seen in the headset (mixed or virtual reality), drawn in the operator's room.
 import type { WebGLRenderer } from "three";
 import type { Holding, Motion } from "../safety/holding.ts";
 import { Clutch, type WorkspaceMapping } from "./clutch.ts";

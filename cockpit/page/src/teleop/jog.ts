@@ -56,8 +56,7 @@ export function shaped(value: number, deadZone = 0.12, exponent = 1.7): number {
 }
 
 /**
- * The part of a velocity that presses further where the hand already presses with `force_n` or more is taken out;
- * between half and all of the limit it fades. `force` is what the arm exerts on its surroundings [N].
+ * Removes the part of a velocity that would press further where the hand already presses with `force_n` or more; between half and all of the limit it fades. `force` is what the arm exerts on its surroundings [N].
  */
 export function forceLimited(velocity: Vector3, force: Vector3, limit: number): Vector3 {
   const pressed = norm(force);
@@ -69,7 +68,7 @@ export function forceLimited(velocity: Vector3, force: Vector3, limit: number): 
   return subtract(velocity, scale(direction, into * share));
 }
 
-/** The target after `dt` seconds. `hand` is the hand's pose, `force` the one that it exerts, both in world axes. */
+/** The target after `dt` seconds. `hand` is the hand's pose, `force` the force that it exerts, both in world axes. */
 export function jogged(
   target: Pose,
   deflection: Deflection,
@@ -100,7 +99,7 @@ export function withinLead(target: Pose, hand: Pose, limits: JogLimits): Pose {
   };
 }
 
-/** The deflection that brings a target to a goal within the limits, in world axes: full until the last step. */
+/** The deflection that moves a target to a goal within the limits, in world axes: full until the last step. */
 export function towards(target: Pose, goal: Pose, dt: number, limits: JogLimits): Deflection {
   const step = Math.max(1e-3, Math.min(dt, 0.1));
   const turn = logarithm(multiply(goal.quaternion, conjugate(target.quaternion)));

@@ -2,7 +2,7 @@
 import type { Answer } from "../model/description.ts";
 
 export interface ConnectionHooks {
-  /** Messages without a request: news of the run. */
+  /** Messages without a request: events of the run. */
   text(message: Record<string, unknown>): void;
   binary(data: ArrayBuffer): void;
   opened(answer: Answer): void;

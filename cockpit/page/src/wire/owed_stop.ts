@@ -1,4 +1,4 @@
-// A Stop not yet confirmed by the run: still owed, even after the page is reloaded in the same tab.
+// A Stop that the run has not confirmed yet: still pending, even after the page is reloaded in the same tab.
 
 const kKey = "multipanda.owed_stop";
 const kOldest = 30_000; // an older one would surprise a person who has resumed meanwhile [ms]
@@ -51,7 +51,7 @@ export class OwedStop {
       if (value === undefined) this.storage?.removeItem(kKey);
       else this.storage?.setItem(kKey, value);
     } catch {
-      // Private windows may refuse to store; it is then owed while the page exists.
+      // Private windows may refuse to store; it is then pending while the page exists.
     }
   }
 }

@@ -75,7 +75,7 @@ export class RunLine implements PageLine, RequestSender {
     this.connection.send({ release: true });
   }
 
-  /** A stop that a broken connection may have swallowed is sent again when it is back soon, also by a page that is loaded again. */
+  /** A stop that a broken connection may have lost is sent again if the connection returns soon, also by a reloaded page. */
   stop(): void {
     this.sendStop(this.owedStop.press());
   }
