@@ -150,8 +150,8 @@ void add_export(Program& program) {
   option("--arms", dataset.arms, "Arms, in the order of the features (default: all)", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--action", dataset.action, "Set-points to use as the action (default: the first that all arms have)",
-         "KIND")
+  option("--action", dataset.action,
+         "Set-points to use as the action (default: the first that all arms have)", "KIND")
       ->check(CLI::IsMember({"joints", "pose"}));
   option("--observe", dataset.observe,
          "Measured quantities: joints, velocities, torques, pose, wrench (default: joints)", "NAMES")
@@ -165,8 +165,8 @@ void add_export(Program& program) {
          "ARM=LEADER")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--outcomes", dataset.outcomes,
-         "Episodes to use: success, failure, discard (default: success)", "NAMES")
+  option("--outcomes", dataset.outcomes, "Episodes to use: success, failure, discard (default: success)",
+         "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->check(CLI::IsMember({"success", "failure", "discard"}));

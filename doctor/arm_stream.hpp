@@ -18,7 +18,7 @@ struct ArmStreamReading {
   std::string errors;                                   // names of active errors; empty: none
   double seconds = 0;                                   // duration of listening
   std::uint64_t states = 0, lost = 0, lost_in_row = 0;  // by the arm's sequence numbers
-  // Lost states that did arrive, but this computer woke so late that a newer one was already there.
+  // Lost states that arrived, but this computer woke so late that a newer one was already there.
   std::uint64_t outdated = 0;
   std::vector<double> gaps_us;  // between the arrivals of two states
 };

@@ -211,7 +211,7 @@ void ArmSteps::before_run(const Scene& scene, const std::string& what, double se
                          what, seconds, describe_extent(extent), names.empty() ? "none" : names));
 }
 
-// In a session of its own. While the question is open, the arms are held under control.
+// In a session of its own. Until the answer, the arms are held under control.
 void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
   Scene scene = given;
   scene.controllets.clear();
@@ -251,7 +251,7 @@ void ArmSteps::to_start(const Scene& given, bool cleared, double near) {
     const RunStatus status = session.status();
     if (trouble.empty()) trouble = stopped_arm(status, moved);
     for (std::size_t i = 0; begun && trouble.empty() && i < moves.size(); ++i) {
-      // The others would reach positions that nobody has checked.
+      // The others would reach unchecked positions.
       const ArmStatus& arm = status.arms[moves[i].arm];
       if (arm.controllet != move_controllet(scene.arms[moves[i].arm])) trouble = in_hold(arm.arm, arm.mode);
     }

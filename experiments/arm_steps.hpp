@@ -74,7 +74,7 @@ class ArmWatch {
            const std::vector<std::shared_ptr<const ArmModel>>& models, nlohmann::ordered_json expected);
 
   void take(const CycleRecord& record);                   // in order, one thread
-  std::string trouble(const RunStatus& status);           // another thread; empty: no trouble
+  std::string trouble(const RunStatus& status);           // set by another thread; empty: no fault
   const MotionExtent& extent() const { return extent_; }  // after the run
 
  private:

@@ -80,7 +80,7 @@ nlohmann::ordered_json run_condition(const PerformanceRun& run,
 nlohmann::ordered_json run_delay_check(const PerformanceRun& run, double delay_s);
 
 // A paced run with switches of controllets and of a feature, requested at random times. With simulated arms a
-// second, unpaced run without switches gives the reference that the bystander arm must equal to the bit.
+// second, unpaced run without switches gives the reference that the bystander arm must match bit for bit.
 nlohmann::ordered_json run_switching(const PerformanceRun& run);
 
 }  // namespace multipanda

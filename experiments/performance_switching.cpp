@@ -164,7 +164,7 @@ Json run_switching(const PerformanceRun& run) {
     causes.insert(causes.begin(), trouble);
     throw ExperimentInterrupted(fmt::format("{}: {}", "switching", fmt::join(causes, "; ")));
   }
-  if (!run.on_arms() && !run.rehearsal) {  // arms cannot repeat a run to the bit
+  if (!run.on_arms() && !run.rehearsal) {  // arms cannot repeat a run bit for bit
     const double seconds = 1e-3 * static_cast<double>(std::min(trace->count(), samples));
     SessionOptions options{.paced = false, .backend = run.backend, .duration_s = seconds};
     options.observer = [&undisturbed](const CycleRecord& record) { undisturbed->take(record); };

@@ -15,7 +15,7 @@ struct LogEvery {
   std::uint64_t state = 1, command = 1, wrench = 1, references = 1, outputs = 1, timing = 1;
   std::uint64_t model = 10, report = 10, objects = 16;
 
-  // "state=10", "all=100". Throws std::invalid_argument that says what is expected.
+  // "state=10", "all=100". Throws std::invalid_argument with what is expected.
   void set(const std::string& choice);
   // "state=10 command=0": differences from the default; empty: none.
   std::string text() const;

@@ -28,7 +28,7 @@ std::optional<McapScanner::Record> McapScanner::next() {
   return next_chunk();
 }
 
-// The first whole chunk behind the place where no record is. Its own content proves it to be one.
+// The first whole chunk after a place without a record, recognized by its content.
 std::optional<McapScanner::Record> McapScanner::next_chunk() {
   const std::uint64_t start = offset_;
   std::string block(1 << 20, '\0');

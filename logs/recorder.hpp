@@ -45,7 +45,7 @@ struct RecorderStatus {
   std::uint64_t cycles = 0;       // cycle records taken
   std::uint64_t cycles_lost = 0;  // records that the loop could not store: the writer was too far behind
   std::uint64_t events_lost = 0;
-  std::uint64_t objects_lost = 0;  // how often the loop could not store where the objects are
+  std::uint64_t objects_lost = 0;  // how often the loop could not store the objects' poses
   WriterStatus writer;
   // One sentence each; empty: nothing is missing.
   std::vector<std::string> missing() const;

@@ -26,7 +26,7 @@ double reach_of(const Points& points, const Vector3& d) {
   return most;
 }
 
-// Any three planes meet in a corner, if it is behind all others.
+// Three planes meet in a corner if their common point is behind all other planes.
 Points corners_of(const std::vector<Plane>& planes) {
   constexpr double kFlat = 1e-6, kOutside = 1e-9, kSame = 1e-6;  // determinant; [m]
   Points corners;

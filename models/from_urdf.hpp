@@ -49,8 +49,8 @@ inline constexpr double kUrdfForceRise = 0.1;         // [s]
 // Collision geometry that moves with joint `segment` of the arm (0: with the base), in that link's frame.
 struct AttachedShape {
   std::size_t segment = 0;
-  // X_SG is the product of one pose of each step, the first step first. Every choice of them is a place of
-  // the shape; a step has at most kMostPoses.
+  // X_SG is the product of one pose of each step, the first step first. Every combination is a place of the
+  // shape; a step has at most kMostPoses.
   std::vector<std::vector<Pose>> steps;
   UrdfGeometry shape;
   std::string link;  // by the URDF's name

@@ -17,7 +17,7 @@ namespace multipanda {
 
 void visit(Archive& archive, Placement& placement);
 void visit(Archive& archive, RigidBody& body);
-// `physical`: whether a body that cannot be is refused.
+// `physical`: whether a physically impossible body is refused.
 void visit_body(Archive& archive, RigidBody& body, bool physical);
 void visit(Archive& archive, Capsule& capsule);
 void visit(Archive& archive, Shape& shape);

@@ -42,8 +42,8 @@ struct Placement {
   Pose pose() const;
 };
 
-// Every vector (n x 1). Here and in all that has one number per joint, a prismatic joint has m for rad, N for
-// N m and kg for kg m^2.
+// Every vector (n x 1). In every vector with one number per joint, a prismatic joint has m for rad, N for N m
+// and kg for kg m^2.
 struct JointLimits {
   JointVector q_min, q_max;  // [rad]
   JointVector dq_max;        // [rad/s]

@@ -66,10 +66,10 @@ struct Collision {
   Ends round = Ends::both;
 };
 
-// MuJoCo lets link1 collide with link0, which it takes as a part of the world, and Franka's capsules of the
-// two overlap: 20 N m would not turn joint 1. What of link1 lies on the axis of joint 1 stays where it is
-// while the joint turns. So its part beside the base belongs to link0 here, and the arm fills the same space
-// but for a slit of 1 mm.
+// MuJoCo lets link1 collide with link0, which it treats as a part of the world, and Franka's capsules of the
+// two overlap: 20 N m would not turn joint 1. The part of link1 on the axis of joint 1 does not move when the
+// joint turns. So its part next to the base belongs to link0 here, and the arm fills the same space except
+// for a slit of 1 mm.
 std::vector<Collision> collisions_of(const RobotDescription& robot) {
   const Pose X_01 = robot.joints.front().pose(), X_10 = X_01.inverse();
   double top = -std::numeric_limits<double>::infinity();  // of the base, along the axis

@@ -38,7 +38,7 @@ Points points_of(const UrdfGeometry& shape, const std::filesystem::path& folder)
   throw std::invalid_argument(shape.file);
 }
 
-// The points in all places of a shape. Many places become few points first, around all that they replace.
+// The points of a shape in all of its places. Many places are first reduced to few points that contain them.
 Points in_all_places(Points points, const std::vector<std::vector<Pose>>& steps) {
   for (std::size_t k = steps.size(); k-- > 0;) {
     if (k + 1 < steps.size()) points = fit_hull(points).corners;

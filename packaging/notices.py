@@ -89,7 +89,7 @@ def is_of_page(component):
 
 
 def write_notices(folder, site_packages, with_page=True):
-    """Writes one file for each component; without the cockpit's page none of what is bundled into it."""
+    """Writes one file for each component; without the cockpit's page none for its bundled packages."""
     folder.mkdir(parents=True)
     for component in COMPONENTS:
         if is_of_page(component) and not with_page:

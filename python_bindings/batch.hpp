@@ -13,8 +13,8 @@
 
 namespace multipanda {
 
-// Worlds of one scene, stepped together on threads. What a world computes does not depend on the others or on
-// the number of threads. One caller at a time.
+// Worlds of one scene, stepped together on threads. A world does not depend on the others or on the number of
+// threads. One caller at a time.
 class Batch {
  public:
   // `threads`: 0 means one per processor. Throws ConfigError, or std::invalid_argument for no world.
@@ -28,7 +28,7 @@ class Batch {
   double* states() { return states_.data(); }
   ControlledWorld& world(std::size_t k) { return *worlds_[k]; }
 
-  // These act on the worlds of `chosen` (one byte per world); the others stand still.
+  // These act on the worlds of `chosen` (one byte per world); the others do not change.
   void reset(std::span<const std::uint8_t> chosen, std::span<const WorldStart> starts);  // a start per world
   // Numbers of a request that are each world's own: by key, a row per world.
   struct Rows {
@@ -37,7 +37,7 @@ class Batch {
   };
   using OwnNumbers = std::map<std::string, Rows>;
   static nlohmann::json request_of(std::size_t k, nlohmann::json request, const OwnNumbers& own);
-  // Tells each world the same thing with its own numbers. What a world refuses, its refusal() tells.
+  // Sends each world the same request with its own numbers; refusal() returns what it refused.
   void command(std::span<const std::uint8_t> chosen, const nlohmann::json& request, const OwnNumbers& own);
   void step(std::span<const std::uint8_t> chosen, std::uint64_t cycles);
   void restore(std::size_t k, const SavedWorld& saved);

@@ -14,7 +14,7 @@
 namespace multipanda {
 namespace {
 
-// Nobody else waits for this loop: a request may be taken much later by the clock of the computer.
+// The caller steps this loop: by the computer's clock a request may be taken much later.
 constexpr double kNoPatienceNeeded = 1e6;  // [s]
 
 void expect_size(const std::string& what, std::size_t found, std::size_t expected) {
@@ -36,10 +36,10 @@ Pose pose_of(const std::string& what, const std::vector<double>& v) {
   return X;
 }
 
-// How long the answer to a motion that has ended may take to be handed over.
+// How long the delivery of the answer to a finished motion may take.
 constexpr std::chrono::milliseconds kHandOver{100};
 
-// What the request is about: "'left_cartesian', input 'pose'".
+// The subject of the request: "'left_cartesian', input 'pose'".
 std::string about(const nlohmann::json& request) {
   std::string text;
   for (const char* key : {"controllet", "input", "name", "arm", "object"}) {
@@ -197,7 +197,7 @@ void ControlledWorld::post_waiting() {
   }
 }
 
-// What was asked before the cycle that has just been done.
+// Requests from before the cycle that has just ended.
 void ControlledWorld::read_answers() {
   auto& modes = cycle_->modes();
   for (std::size_t k = 0; k < posted_; ++k) {
@@ -207,7 +207,7 @@ void ControlledWorld::read_answers() {
   }
   waiting_.clear();
   posted_ = 0;
-  // The backend has decided in that cycle; a thread of its own hands the answers over.
+  // The backend has decided in that cycle; a separate thread delivers the answers.
   for (auto& one : asked_) {
     if (const RequestAnswer answer = one.answer.get(); !answer.success)
       refuse(one.what + ": " + answer.reason);

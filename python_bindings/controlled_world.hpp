@@ -16,8 +16,8 @@
 
 namespace multipanda {
 
-// A simulated world of a scene with its control loop, stepped by the caller: the program's own run, to the
-// bit, if it is told the same at the same cycles. One thread at a time.
+// A simulated world of a scene with its control loop, stepped by the caller: the program's own run, bit for
+// bit, if it gets the same requests at the same cycles. One thread at a time.
 class ControlledWorld {
  public:
   // `scene` and `registry` outlive it. Call reset() first.
@@ -28,9 +28,9 @@ class ControlledWorld {
   // Throws std::invalid_argument: unknown names, wrong sizes, a scene that cannot be built.
   void reset(const WorldStart& start);
 
-  // Tells the world something, from the next cycle on: a request as the socket takes it (docs/live_input.md),
-  // to the loop, an arm, a gripper or an object. Throws std::invalid_argument: unknown names, wrong sizes;
-  // RequestRefused: what is known to be refused at once. The rest is decided in the next cycle: refusal().
+  // Sends the world a request, from the next cycle on, as over the socket (docs/live_input.md), to the loop,
+  // an arm, a gripper or an object. Throws std::invalid_argument: unknown names, wrong sizes; RequestRefused:
+  // what can be refused at once. The rest is decided in the next cycle: refusal().
   void command(nlohmann::json request);
 
   // Runs the loop. Throws std::runtime_error: the simulation has failed.
@@ -39,18 +39,18 @@ class ControlledWorld {
 
   std::uint64_t cycles() const { return cycles_; }  // the first one, of reset(), included
   void write_state(double* row) const;
-  // What the loop or the backend has refused since reset(), first refusal first; empty if nothing.
+  // The refusals by the loop and the backend since reset(), the first one first; empty if none.
   const std::string& refusal() const { return refusal_; }
   // Which arms are held, and why; empty if none is.
   std::string held() const;
   // The answer to an arm's newest gripper motion; "" while it moves or without one, "done", or why it failed.
-  // A grasp of nothing fails, and is no refusal.
+  // A grasp of nothing fails, but is not a refusal.
   std::string gripper_answer(const std::string& arm);
   std::vector<std::string> active() const;
 
   SavedWorld save() const;
   // Computes the saved world again. Throws std::invalid_argument: it is of another scene, or this computer or
-  // program does not compute the same bits.
+  // program computes different bits.
   void restore(const SavedWorld& saved);
 
  private:

@@ -1,5 +1,5 @@
-// The extension behind the Python package multipanda_native, which describes and checks everything; a Batch
-// is all that it needs. Python's lock is released while worlds compute.
+// The extension behind the Python package multipanda_native, which documents and checks everything; it needs
+// only a Batch. Python's lock is released while worlds compute.
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>

@@ -8,11 +8,11 @@
 
 #include <nlohmann/json.hpp>
 
-// What decides about a world: how it began and what it was told since. A world is computed again from it, to
-// the bit.
+// Everything that determines a world: its beginning and all requests since. A world is computed again from
+// it, bit for bit.
 namespace multipanda {
 
-// How a world begins. Whatever is left out is as in the scene.
+// The beginning of a world. Missing values are those of the scene.
 struct WorldStart {
   std::uint64_t seed = 1;  // of the noise, and of the hidden plants
   bool hidden = false;     // the simulated arms differ from their models by a draw of the seed
@@ -24,7 +24,7 @@ struct WorldStart {
 
 // One call of ControlledWorld::command().
 struct WorldCommand {
-  std::uint64_t cycle = 0;  // cycles that were done when it came
+  std::uint64_t cycle = 0;  // cycles completed at its arrival
   nlohmann::json request;
 };
 
@@ -34,7 +34,7 @@ struct SavedWorld {
   std::vector<WorldCommand> commands;  // in order
   std::uint64_t cycles = 0;
   std::vector<double> state;  // of that cycle, to check the computed one
-  std::string refusal;        // what had been refused until then
+  std::string refusal;        // the refusals until then
 
   std::vector<std::uint8_t> pack() const;
   // Throws std::invalid_argument if these bytes are none that pack() made.

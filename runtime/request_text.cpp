@@ -66,9 +66,11 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
     case Verdict::arm_stopped:
       if (request.kind == Request::Kind::resume && modes.stopped().overlaps(request.arms))
         return joined(names_of(modes, modes.stopped() & request.arms)) +
-               " was stopped again after the state that the sender saw: look at the arms and at the reason, then resume";
+               " was stopped again after the state that the sender saw: look at the arms and at the reason, "
+               "then resume";
       if (modes.stopped().empty())
-        return "the request was sent before a stop that has been resumed since: look at the arms, then send it again";
+        return "the request was sent before a stop that has been resumed since: look at the arms, then send "
+               "it again";
       return "stopped: " + joined(names_of(modes, modes.stopped())) + "; resume first";
     case Verdict::not_active:
       if (set)
@@ -104,13 +106,15 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
       }
       if (rule != Intervention::none && rule != Intervention::arm_not_ready)
         return std::string(to_string(rule)) + " (" + joined(names_of(modes, request.activate)) +
-               "): an arm would be held again at once; nothing was changed; guide the arm back by hand, or stop and resume it, which frees it once, and try again";
+               "): an arm would be held again at once; nothing was changed; guide the arm back by hand, or "
+               "stop and resume it, which frees it once, and try again";
       return std::string(to_string(verdict)) + " (" + joined(names_of(modes, request.activate)) +
              "); nothing was changed; 'state' shows the modes of the arms, 'recover' clears an error" +
              (verdict == Verdict::start_refused ? conditions_of(modes, request.activate) : "");
     case Verdict::timeout:
       return "the loop did not take the request within 1 s, and it will not be executed: the arms may not be "
-             "connected yet, the simulation may be paused, the program may have stalled, or the run may have ended";
+             "connected yet, the simulation may be paused, the program may have stalled, or the run may have "
+             "ended";
     case Verdict::pending:
       return "the loop took the request, but its answer was lost: check 'state' before you try again";
     default:

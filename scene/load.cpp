@@ -123,8 +123,8 @@ void visit(Archive& archive, ContactBounds& bounds, Scene& scene) {
                              number_text(usual_value) + " " + unit);
     }
   };
-  bound("hand_speed_m_per_s", "Largest speed at which set-points move the hand, joint set-points included.", 3,
-        usual.hand_speed, "m/s", bounds.hand_speed);
+  bound("hand_speed_m_per_s", "Largest speed at which set-points move the hand, joint set-points included.",
+        3, usual.hand_speed, "m/s", bounds.hand_speed);
   bound("spring_force_n", "Largest force with which a set-point pulls a hand that cannot follow.", 1000,
         usual.spring_force, "N", bounds.spring_force);
   bound("spring_moment_nm", "Largest moment of the same.", 300, usual.spring_moment, "N m",
@@ -158,10 +158,10 @@ void visit(Archive& archive, SceneReader& reader) {
   if (std::any_of(scene.arms.begin(), scene.arms.end(), is_real))
     refuse_carried_arms(scene, "a run with a real arm (key 'fci')");
   archive.list(Key("objects", "Surfaces and bodies.").each("object"), scene.objects, reader);
-  archive.section(
-      Key("contact_bounds",
-          "Bounds for arms beside people, for all controllets; larger values lift them, and the run reports it. Not a certified safety function: see docs/contact.md."),
-      scene.contact_bounds, scene);
+  archive.section(Key("contact_bounds",
+                      "Bounds for arms beside people, for all controllets; larger values lift them, and the "
+                      "run reports it. Not a certified safety function: see docs/contact.md."),
+                  scene.contact_bounds, scene);
   archive.list(
       Key("controllets",
           "Controllet instances. All are built before the first cycle; switches decide which of them run. "

@@ -239,7 +239,8 @@ void visit(Archive& archive, SafetyLimits& safety, SceneArm& arm) {
               .within(-kFarthest, kFarthest),
           low);
   archive(Key("workspace_max_m",
-              "Upper corner of that box. Guide an arm whose law is refused outside the box back by hand, or stop and resume it first.")
+              "Upper corner of that box. Guide an arm whose law is refused outside the box back by hand, or "
+              "stop and resume it first.")
               .within(-kFarthest, kFarthest),
           high);
   const double usual_age = safety.max_state_age_s;
@@ -370,7 +371,8 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   if (archive.reading()) arm.rotor_hidden = reader.scene.plant.rotor_hidden.value_or(1);
   std::string rotors = "none";
   archive(Key("known_rotor_inertia",
-              "`model`: the mass matrix of the controllers contains the motors' inertia according to their model, `motor_inertia_kg_m2` or what `rotor_inertia_hidden` leaves of `rotor_inertia_kg_m2`.")
+              "`model`: the mass matrix of the controllers contains the motors' inertia according to their "
+              "model, `motor_inertia_kg_m2` or what `rotor_inertia_hidden` leaves of `rotor_inertia_kg_m2`.")
               .one_of({"none", "model"}),
           rotors);
   arm.known_rotor_inertia = rotors == "model";

@@ -127,7 +127,8 @@ void visit(Archive& archive, BaseMount& mount, SceneReader& reader, SceneArm& ar
           joint);
   visit_pose(archive, mount.X_JB,
              Key("position_m",
-                 "Origin of the base in the joint's frame J: the frame of its link in the model, with the joint's axis as z."));
+                 "Origin of the base in the joint's frame J: the frame of its link in the model, with the "
+                 "joint's axis as z."));
   if (!archive.reading()) return;
   mount.carrier = carrier_of(archive.at("arm"), reader, arm);
   check_carrier(archive.at("arm"), reader, mount);

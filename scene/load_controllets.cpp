@@ -413,10 +413,11 @@ void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
       Key("observes", "Names of arms that it reads and does not own, such as the leader of a follower."));
   const auto features = archive.names(
       Key("features", "Features that are on from the start.").like(feature_names(reader.registry)));
-  const auto parameters = archive.open(Key(
-      "parameters",
-      "Values of parameters, by name. A single number may replace a list of equal ones. Parameters of "
-      "features: `joint_limits: {range_rad: 0.1}` or `joint_limits.range_rad: 0.1`. `preset` selects named values of the type, or of the feature; parameters given with it take precedence."));
+  const auto parameters = archive.open(
+      Key("parameters",
+          "Values of parameters, by name. A single number may replace a list of equal ones. Parameters of "
+          "features: `joint_limits: {range_rad: 0.1}` or `joint_limits.range_rad: 0.1`. `preset` selects "
+          "named values of the type, or of the feature; parameters given with it take precedence."));
   Key inputs(
       "inputs",
       "Overrides of inputs, by name: `pose: {max_speed_m_per_s: 0.2}`. Default: the values of the type.");

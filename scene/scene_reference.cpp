@@ -131,7 +131,8 @@ void add_presets(const ControlletDescriptor& descriptor, nlohmann::ordered_json&
   if (descriptor.presets.empty()) return;
   nlohmann::ordered_json names = nlohmann::ordered_json::array();
   for (const Preset& preset : descriptor.presets) names.push_back(preset.name);
-  properties["preset"] = {{"enum", names}, {"description", "Named values; parameters given with it take precedence."}};
+  properties["preset"] = {{"enum", names},
+                          {"description", "Named values; parameters given with it take precedence."}};
 }
 
 nlohmann::ordered_json parameter_schema(const ParameterSpec& spec) {

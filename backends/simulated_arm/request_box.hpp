@@ -45,7 +45,7 @@ std::string_view to_string(ArmReply reply);
 class RequestBox {
  public:
   static constexpr std::size_t kSlots = 64;         // largest number of pending requests ...
-  static constexpr std::size_t kOnlyForStops = 16;  // ... of which these are reserved for requests that end a motion
+  static constexpr std::size_t kOnlyForStops = 16;  // ... of which these only for requests that end a motion
 
   // Requests that the loop finds after `patience_s` are refused.
   explicit RequestBox(double patience_s = kRequestPatience);

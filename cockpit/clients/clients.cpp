@@ -201,7 +201,8 @@ void Clients::take_request(Page& page, const json& message, const json& id, Host
                                            : "take control first ('control')");
   if (!source_->is_open(word) && lags(page, host_now()))
     throw RequestRefused("stale",
-                         "the page has not confirmed a state for 1 s, so this request may be outdated: repeat it once the page shows new states");
+                         "the page has not confirmed a state for 1 s, so this request may be outdated: "
+                         "repeat it once the page shows new states");
   if (!source_->is_open(word) && source_->moves(message) && !hold_.held(host_now()))
     throw RequestRefused("not_held",
                          "arms move only while a button is held: send beats, and 'seen' for every state, at "

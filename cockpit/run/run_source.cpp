@@ -251,8 +251,7 @@ std::string RunSource::come_to_rest(bool hold) {
   const InstanceSet ended = moved_.come_to_rest(records_.reader(), hold);
   const std::string refused = look_at_stops();
   if (ended == 0) return refused;
-  return (refused.empty() ? "" : refused + "; ") +
-         "it was released before the arms had rested for 0.3 s: " +
+  return (refused.empty() ? "" : refused + "; ") + "it was released before the arms had rested for 0.3 s: " +
          joined(names_of(session_.modes(), ended), ", ") + " has ended, the arms are held";
 }
 

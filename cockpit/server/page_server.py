@@ -1,6 +1,7 @@
-"""The cockpit's page server: HTTP and WebSockets for browsers, in a process of its own, so that the process that moves arms parses nothing from a browser. It checks hosts, origins and the token, keeps the limits (WIRE.md), and
-passes messages on as canonical JSON over descriptor 3, a stream socket to the run. A frame there, both ways: size of
-the payload, kind, client, number (little-endian), payload.
+"""The cockpit's page server: HTTP and WebSockets for browsers, in a process of its own, so that the process that moves
+arms parses nothing from a browser. It checks hosts, origins and the token, keeps the limits (WIRE.md), and passes
+messages on as canonical JSON over descriptor 3, a stream socket to the run. A frame there, both ways: size of the
+payload, kind, client, number (little-endian), payload.
 
   from here   S ready: {"port", "token", "page"} or {"error"}   J joined: id   M message; number: when it came [ns]
               U the same beyond the limits: counts if urgent    L left         W number: bytes that were written
@@ -113,7 +114,7 @@ def canonical(text):
 
 
 class Connection(ServerConnection):
-    """All received messages are handled at once, so reads are short: a flood of one client must not delay a stop of another."""
+    """Handles all received messages at once; reads are short: a flood of one client must not delay another's stop."""
 
     def connection_made(self, transport):
         transport.max_size = 4096  # of a read [bytes]

@@ -23,7 +23,7 @@ struct AxisKind {
   double least;        // below it, F_d has no direction [N, N m]
   double loss;         // distance beyond the last contact at which contact counts as lost [m, rad]
   double pulls_up_to;  // below it f may act against F_d, fading: a tool cannot pull on a surface [N, N m]
-  double most;         // f is at most this against F_d, and this + 2 |F_d| along F_d, whatever the bound [N, N m]
+  double most;  // f is at most this against F_d, and this + 2 |F_d| along F_d, whatever the bound [N, N m]
 };
 inline constexpr AxisKind kForceAxis{
     .least = ForceDirection::kLeastForce, .loss = 0.005, .pulls_up_to = 2, .most = 60};

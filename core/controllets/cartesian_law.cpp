@@ -247,12 +247,14 @@ LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGa
 
 CartesianParameters cartesian_parameters() {
   return {spec_table<kCartesianParameterCount>(
-      parameter_at<kTranslationalStiffness>({.name = "translational_stiffness_n_per_m",
-                                             .unit = "N/m",
-                                             .size = 3,
-                                             .initial = {400, 400, 400},
-                                             .max = 5000,
-                                             .doc = "Stiffness K_t along x, y, z. Reduced where the natural frequency would exceed 150 rad/s."}),
+      parameter_at<kTranslationalStiffness>(
+          {.name = "translational_stiffness_n_per_m",
+           .unit = "N/m",
+           .size = 3,
+           .initial = {400, 400, 400},
+           .max = 5000,
+           .doc =
+               "Stiffness K_t along x, y, z. Reduced where the natural frequency would exceed 150 rad/s."}),
       parameter_at<kRotationalStiffness>({.name = "rotational_stiffness_nm_per_rad",
                                           .unit = "N m/rad",
                                           .size = 3,
@@ -293,8 +295,8 @@ CartesianParameters cartesian_parameters() {
                                            .size = 3,
                                            .initial = {40, 40, 40},
                                            .max = 1000,
-                                           .doc =
-                                               "Damping along x, y, z if damping_design is 'given', in the axes of the stiffness; limited by the inertia."}),
+                                           .doc = "Damping along x, y, z if damping_design is 'given', in "
+                                                  "the axes of the stiffness; limited by the inertia."}),
       parameter_at<kRotationalDamping>({.name = "rotational_damping_nm_s_per_rad",
                                         .unit = "N m s/rad",
                                         .size = 3,
@@ -313,7 +315,8 @@ CartesianParameters cartesian_parameters() {
                            "which may supply energy.")),
       parameter_at<kCoriolisFeedforward>(
           switch_parameter("coriolis_feedforward", false,
-                           "Adds C_c V_d, as the paper prints it, to C dq, which the law always compensates in the joints.")))};
+                           "Adds C_c V_d, as the paper prints it, to C dq, which the law always compensates "
+                           "in the joints.")))};
 }
 
 Preset paper_preset(std::vector<Preset::Value> more) {

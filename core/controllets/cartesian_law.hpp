@@ -13,7 +13,8 @@ enum class Projector : std::uint8_t {
   dynamic,              // N = I - J^T J_bar^T: the null-space torque does not accelerate the end effector
   paper_pseudoinverse,  // N = (I - J^+ J)^T, as in the paper: accelerates the end effector through the
                         // coupling of M
-  damped_pseudoinverse  // the same with J^+ = J^T (J J^T + 0.2^2 I)^-1, as in the reference code: the posture pulls the hand, most where the hand hardly moves
+  damped_pseudoinverse  // the same with J^+ = J^T (J J^T + 0.2^2 I)^-1, as in the reference code: the posture
+                        // pulls the hand, most where the hand hardly moves
 };
 enum class StiffnessAxes : std::uint8_t {
   world,

@@ -56,8 +56,8 @@ double largest_share(const Vector3& base, const Vector3& extra, double limit);
 double left_beside(const Vector3& across, double limit);
 
 // A carriage, which a prismatic joint moves, may touch a person as a hand does: the bounds for contact hold
-// for the joint's own force as well. Zero for an arm without prismatic joints. For the loop's thread, without
-// allocation.
+// for the joint's own force as well. Zero for an arm without prismatic joints. For the loop's thread,
+// without allocation.
 //
 // The largest share that the pulls `pull` of prismatic joints (n x 1) take of what bound_pull() allows along
 // their axes: above 1, too much. `damping` is D dq (n x 1), which a pull may overcome on its way. A carriage

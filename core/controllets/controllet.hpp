@@ -67,8 +67,8 @@ class Controllet {
 
   // The end effector of `arm` was redefined while this controllet runs: it is now X away from the old one,
   // E_new = E_old X. The model in the context already has the new one. Moves set-points along, so that the
-  // arm does not move. By default all pose inputs of that arm; override it for poses that the law keeps
-  // itself.
+  // arm does not move. By default all pose inputs of that arm; override it for poses that the law
+  // keeps itself.
   virtual void end_effector_moved(ControlContext& context, std::size_t arm, const Pose& X);
 
   // Lowers upper bounds of parameters to the limits of these arms. Before the loop, once.

@@ -69,7 +69,8 @@ class CoupledUfic final : public Controllet {
   }
 
   void bound_parameters(ParameterSet& parameters) const override {
-    parameters.lower_max(kObjectMass, std::array{bearable_}, "the arms can carry no more besides hands and tools");
+    parameters.lower_max(kObjectMass, std::array{bearable_},
+                         "the arms can carry no more besides hands and tools");
   }
 
   // A begins midway between the hands, with the axes of the world.
@@ -353,8 +354,8 @@ class CoupledUfic final : public Controllet {
     if (!std::isfinite(measured_.requested_n + measured_.first_n + measured_.second_n)) return false;
     grasp_.update(measured_, settings.grasp, context.dt);
     if (grasp_.touched_now()) {
-      // Holds the object along n where it is. Pulling it to the set-point would load one hand more than the
-      // other.
+      // Holds the object along n where it is. Pulling it to the set-point would load one hand more than
+      // the other.
       shift_from_ = shift_;
       shift_to_ = n.dot(frame.X_WA.position - target.X_W_d.position);
       shift_fade_.reset(false);

@@ -37,7 +37,7 @@ namespace multipanda {
 inline constexpr double kLargestModalDamping = 300;  // [1/s]
 inline constexpr double kLeastDampingTime = 0.010;   // [s]
 inline constexpr double kFastestMode = 150;          // [rad/s]
-inline constexpr double kBrake = 2;  // [1/s]: an axis without stiffness coasts from v to rest within v / kBrake
+inline constexpr double kBrake = 2;  // [1/s]: without stiffness an axis coasts to rest within v / kBrake
 // Stiffness from which on an axis gets the full feed-forward and is not braked: [N/m], [N m/rad].
 inline constexpr double kLedFrom = 5, kTurnedFrom = 0.25;
 
@@ -101,15 +101,16 @@ double soften(const Matrix& inertia, Matrix& K) {
 }
 
 inline constexpr const char* kStiffnessShareDoc =
-    "Share of the stiffness that the fastest mode or lightest axis keeps: 1 unless it was reduced for stability.";
+    "Share of the stiffness that the fastest mode or lightest axis keeps: 1 unless it was reduced for "
+    "stability.";
 
 inline bool states_motors(const ArmModel& model) { return model.motor_inertia().size() > 0; }
 
 // Mass matrix of links and motors (n x n), counting motors contained in M only once.
 JointMatrix mass_with_motors(ModelTerms& terms);
 
-// Share of the feed-forward of each joint (n x 1), from 0 without stiffness to 1 from kTurnedFrom or kLedFrom
-// on.
+// Share of the feed-forward of each joint (n x 1), from 0 without stiffness to 1 from kTurnedFrom or
+// kLedFrom on.
 JointVector led_shares(const JointVector& stiffness, const ArmModel& model);
 
 // The velocity on which a damping acts.

@@ -152,9 +152,9 @@ ParameterSpec force_feedforward_parameter() {
 }
 
 ParameterSpec force_may_pull_parameter() {
-  return switch_parameter(
-      "force_may_pull", false,
-      "Allows a negative commanded force, as the paper prints it; a tool that only rests on a surface then lifts off.");
+  return switch_parameter("force_may_pull", false,
+                          "Allows a negative commanded force, as the paper prints it; a tool that only rests "
+                          "on a surface then lifts off.");
 }
 
 ParameterSpec press_direction_parameter() {

@@ -102,7 +102,8 @@ class HybridForce final : public Controllet {
                 number("moment_threshold_nm", "N m", 0.5, 0.1, 10,
                        "Estimated moment that counts as contact; contact is lost below half of it.")),
             parameter_at<kLinearDamping>(number("force_damping_n_s_per_m", "N s/m", 100, 0, 300,
-                                                "Damping along axes with a force, in addition to that of the impedance; limited by the inertia.")),
+                                                "Damping along axes with a force, in addition to that of the "
+                                                "impedance; limited by the inertia.")),
             parameter_at<kAngularDamping>(number("moment_damping_nm_s_per_rad", "N m s/rad", 2, 0, 20,
                                                  "The same about axes with a moment.")),
             parameter_at<kApproachSpeed>(
@@ -123,7 +124,8 @@ class HybridForce final : public Controllet {
             output_at<kCommand + 3, 3>("commanded_moment_nm", "Its moment."),
             output_at<kContact, 6>("in_contact", "1 for each axis along which contact is detected."),
             output_at<kWeight, 6>(
-                "axis_weight", "Per axis: 1 under force control, 0 under impedance, in between while it fades."),
+                "axis_weight",
+                "Per axis: 1 under force control, 0 under impedance, in between while it fades."),
             output_at<kError, 3>("position_error_m", "p_d - p along axes of the impedance, world axes."),
             output_at<kError + 3, 3>("orientation_error_rad", "log(R_d R^T), the same."),
             output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc)),
@@ -247,8 +249,8 @@ class HybridForce final : public Controllet {
   // Largest slope of force and damping of an axis over its speed, divided by its inertia [1/s]: they act some
   // periods late (damping_design.hpp), and several axes may share a mode.
   static constexpr double kSteepest = 200, kDamping = 60;
-  // The wrench of the old end effector decays faster by this where the hand moves, since nothing resists it
-  // there.
+  // The wrench of the old end effector decays faster by this where the hand moves, since nothing resists
+  // it there.
   static constexpr double kYields = 10;
   static constexpr double kReturnTime = 0.3, kReturnSpeed = 0.05, kReturnTurning = 0.2;  // [s, m/s, rad/s]
   static constexpr double kReturnShare = 0.2;  // of the hand's speed

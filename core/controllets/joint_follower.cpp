@@ -31,26 +31,26 @@ class JointFollower final : public Controllet {
   }
 
   static ControlletDescriptor descriptor() {
-    return {
-        .type = "joint_follower",
-        .doc = "The joints follow those of another arm, the leader, which it observes and does not own.",
-        .observes = 1,
-        .parameters = spec_table<kParameterCount>(
-            parameter_at<kStiffness>(joint_stiffness_parameter()),
-            parameter_at<kDampingRatio>(joint_damping_ratio_parameter()),
-            parameter_at<kClutch>(clutch_parameter()), parameter_at<kAlignment>(alignment_parameter()),
-            parameter_at<kScale>({.name = "joint_scale",
-                                  .size = ParameterSpec::kPerJoint,
-                                  .initial = {1},
-                                  .min = -2,
-                                  .max = 2,
-                                  .doc = "Motion of each joint per motion of the leader's; -1 mirrors. With 'match' only its sign counts."})),
-        .outputs = spec_table<kOutputCount>(
-            output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
-            output_at<kLargestLag>("largest_lag_rad",
-                                   "Largest distance of a joint's set-point from the leader's goal."),
-            output_at<kSlipped>("slipped", kSlippedDoc),
-            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc))};
+    return {.type = "joint_follower",
+            .doc = "The joints follow those of another arm, the leader, which it observes and does not own.",
+            .observes = 1,
+            .parameters = spec_table<kParameterCount>(
+                parameter_at<kStiffness>(joint_stiffness_parameter()),
+                parameter_at<kDampingRatio>(joint_damping_ratio_parameter()),
+                parameter_at<kClutch>(clutch_parameter()), parameter_at<kAlignment>(alignment_parameter()),
+                parameter_at<kScale>({.name = "joint_scale",
+                                      .size = ParameterSpec::kPerJoint,
+                                      .initial = {1},
+                                      .min = -2,
+                                      .max = 2,
+                                      .doc = "Motion of each joint per motion of the leader's; -1 mirrors. "
+                                             "With 'match' only its sign counts."})),
+            .outputs = spec_table<kOutputCount>(
+                output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
+                output_at<kLargestLag>("largest_lag_rad",
+                                       "Largest distance of a joint's set-point from the leader's goal."),
+                output_at<kSlipped>("slipped", kSlippedDoc),
+                output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc))};
   }
 
   LawResult start(ControlContext& context) override {

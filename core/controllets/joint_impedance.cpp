@@ -34,21 +34,22 @@ class JointImpedance final : public Controllet {
                  .size = ParameterSpec::kPerJoint,
                  .initial = {2, 2, 2, 1, 1, 1, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5},
                  .max = 50,
-                 .doc = "Joint damping D if damping_design is 'given'; limited by the joint's inertia at 1 kHz."}),
+                 .doc = "Joint damping D if damping_design is 'given'; limited by the joint's inertia at 1 "
+                        "kHz."}),
             parameter_at<kDampingOf>(damping_of_parameter()),
-            parameter_at<kVelocityWeight>(
-                {.name = "velocity_weight",
-                 .initial = {1.0},
-                 .min = 0.5,
-                 .max = 1,
-                 .doc =
-                     "D acts on a dq + (1 - a) times dq of the cycle before, with this weight a; 1: dq itself."})),
+            parameter_at<kVelocityWeight>({.name = "velocity_weight",
+                                           .initial = {1.0},
+                                           .min = 0.5,
+                                           .max = 1,
+                                           .doc = "D acts on a dq + (1 - a) times dq of the cycle before, "
+                                                  "with this weight a; 1: dq itself."})),
         .outputs = spec_table<kOutputCount>(
             output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
             output_at<kLargestTorque>("largest_torque_nm", "Largest |tau| of all joints."),
             output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc)),
         .presets = {{"reference",
-                     "The manufacturer's joint impedance example: its gains, D on a lightly filtered dq, no feed-forward.",
+                     "The manufacturer's joint impedance example: its gains, D on a lightly filtered dq, no "
+                     "feed-forward.",
                      {{"stiffness_nm_per_rad", {24, 24, 24, 24, 10, 6, 2}},
                       {"damping_design", {2}},
                       {"damping_nms_per_rad", {2, 2, 2, 1, 1, 1, 0.5}},

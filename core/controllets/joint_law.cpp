@@ -13,8 +13,8 @@ namespace {
 // 1987), more near a singular pose (TaskSpace::press): the force that keeps the hand where it is. The whole
 // pull is scaled until that keeps to its bounds. A motion of the null space does not show at the hand, so the
 // force at the elbow may be bounded likewise. So is that at the hand of an arm that stands on this one, as if
-// its joints were locked: in a hold they nearly are. A carriage is bounded by the pull of its own joint
-// alone.
+// its joints were locked: in a hold they nearly are. A carriage is bounded by the pull of its own
+// joint alone.
 void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, const JointVector& spring,
            const JointVector& damping, JointVector& tau, JointPull& drawn) {
   const TaskSpace& task = arm.terms->task();
@@ -104,7 +104,8 @@ ParameterSpec joint_stiffness_parameter() {
           .initial = {600, 600, 600, 600, 250, 150, 50, 50, 50, 50, 50, 50, 50, 50, 50, 50},
           .max = 1000,
           .doc =
-              "Joint stiffness K. Modes with a natural frequency above 150 rad/s are softened to it (stiffness_share)."};
+              "Joint stiffness K. Modes with a natural frequency above 150 rad/s are softened to it "
+              "(stiffness_share)."};
 }
 
 ParameterSpec joint_damping_ratio_parameter() {

@@ -26,7 +26,8 @@ ControlletDescriptor descriptor() {
               {.name = "force_scale",
                .initial = {1},
                .max = 3,
-               .doc = "Force on the leader's hand per force on the follower's. Below `scale`, the follower needs more energy than the leader supplies."}),
+               .doc = "Force on the leader's hand per force on the follower's. Below `scale`, the follower "
+                      "needs more energy than the leader supplies."}),
           parameter_at<kCutoff>({.name = "force_cutoff_hz",
                                  .unit = "Hz",
                                  .initial = {3},

@@ -53,7 +53,8 @@ class Ufic final : public Controllet {
             parameter_at<kPressDirection>(press_direction_parameter()),
             parameter_at<kFeedback>(choice_parameter(
                 "force_feedback", {"in_contact", "always"},
-                "When the feedback of the force acts: faded in at contact, or always as the paper prints it, which also pushes without contact; along selected axes at contact.")),
+                "When the feedback of the force acts: faded in at contact, or always as the paper prints it, "
+                "which also pushes without contact; along selected axes at contact.")),
             group_at<kAxesGroup>(ufic_axes_parameters())),
         .outputs = spec_table<kOutputCount>(
             output_at<kDesired>("force_desired_n", "F_d along n."),

@@ -12,8 +12,8 @@ std::string check(const GripperRequest& request) {
     for (const double tolerance : {grasp->tolerance_inner, grasp->tolerance_outer})
       if (!(tolerance >= 0 && tolerance <= 1)) return "the tolerances must be 0 to 1 m";
   } else if (const auto* on = std::get_if<VacuumOn>(&request)) {
-    // Below 50, a gripper would report the vacuum as reached while its part falls; ambient pressure is 1013
-    // mbar.
+    // Below 50, a gripper would report the vacuum as reached while its part falls; ambient pressure is
+    // 1013 mbar.
     if (!(on->pressure_mbar >= 50 && on->pressure_mbar <= 1000)) return "the vacuum must be 50 to 1000 mbar";
     return check(VacuumDrop{on->timeout_s});
   } else if (const auto* drop = std::get_if<VacuumDrop>(&request)) {

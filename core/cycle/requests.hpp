@@ -30,8 +30,8 @@ struct RequestName {
   const char* action = nullptr;
 };
 
-// Latest start of a request: host time [ns], which its sender may bring forward. None: only the backend's own
-// limit.
+// Latest start of a request: host time [ns], which its sender may bring forward. None: only the backend's
+// own limit.
 using BeginBy = std::shared_ptr<const std::atomic<std::int64_t>>;
 inline bool is_past(const BeginBy& limit, HostTime now) {
   return limit && now.ns > limit->load(std::memory_order_relaxed);

@@ -176,7 +176,8 @@ class CollisionAvoidance final : public Feature {
 
   void name_conditions() {
     const std::string general =
-        "no arm may be nearer to a hull around a base than a fifth of range_m when it is switched on, since hulls are wider than the bodies and would push it away; move it away first, or give its model "
+        "no arm may be nearer to a hull around a base than a fifth of range_m when it is switched on, since "
+        "hulls are wider than the bodies and would push it away; move it away first, or give its model "
         "'self_collision'";
     condition_of_.assign(pairs_.size(), 0);
     for (std::size_t i = 0; i < pairs_.size(); ++i) {

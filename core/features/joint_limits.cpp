@@ -34,12 +34,12 @@ class JointLimits final : public Feature {
                                           .initial = {40.0},
                                           .max = 300,
                                           .doc = "Slope of the repulsion within the range."}),
-                parameter_at<kDamping>(
-                    {.name = "damping_nms_per_rad",
-                     .unit = "N m s/rad",
-                     .initial = {2.0},
-                     .max = 20,
-                     .doc = "Damping of outward motion at the limit; less for a joint with little inertia, so that it stays stable at 1 kHz."}),
+                parameter_at<kDamping>({.name = "damping_nms_per_rad",
+                                        .unit = "N m s/rad",
+                                        .initial = {2.0},
+                                        .max = 20,
+                                        .doc = "Damping of outward motion at the limit; less for a joint "
+                                               "with little inertia, so that it stays stable at 1 kHz."}),
                 parameter_at<kLinearRange>({.name = "range_m",
                                             .unit = "m",
                                             .initial = {0.05},

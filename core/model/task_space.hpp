@@ -19,8 +19,8 @@ struct TaskSpace {
 
   // Where the floor acts, J_bar^T tau is less than the force at the hand: near the stretched elbow an arm
   // acts like a toggle press. Press * (J_bar^T tau) = A^-1 J M^-1 tau is the wrench (6 x 1) [N, N m] on
-  // whatever holds the hand, with the eigenvalues of A raised to kPressFloor only. The identity unless
-  // `floored`.
+  // whatever holds the hand, with the eigenvalues of A raised to kPressFloor only. The identity
+  // unless `floored`.
   static constexpr double kPressFloor = 1e-4;
   Matrix6 press() const;
 

@@ -367,11 +367,13 @@ void Instance::see_bases(const ArmBlocks& blocks) {
 
 std::string_view Instance::feature_refusal(std::size_t i) const {
   if (bases_move_ && !features_[i].descriptor.moving_base)
-    return "an arm of this scene stands on another one; this feature does not support a moving base; remove it";
+    return "an arm of this scene stands on another one; this feature does not support a moving base; remove "
+           "it";
   const Feature& feature = *features_[i].feature;
   const std::string_view why = feature.refusal();
   if (!why.empty() || descriptor_.type != "hold" || feature.start_condition().empty()) return why;
-  return "a hold must be able to start anywhere, and this feature cannot start near a hull around a base; remove it from the hold";
+  return "a hold must be able to start anywhere, and this feature cannot start near a hull around a base; "
+         "remove it from the hold";
 }
 
 void Instance::switch_feature(std::size_t i, bool on) {
@@ -419,8 +421,8 @@ void Instance::carry_set_points(const Tick& tick) {
   }
 }
 
-// The arm's own hand shares the bound with the motion of its base. The hand of a carried arm has the same
-// bound.
+// The arm's own hand shares the bound with the motion of its base. The hand of a carried arm has the
+// same bound.
 void Instance::bound_joint_speed(Reference& input) {
   const OwnedArm& arm = law_arms_[input.spec().arm];
   ModelTerms& terms = *arm.terms;

@@ -90,8 +90,8 @@ class MultimodeController {
   void stop(ArmSet arms) { stop_requests_.fetch_or(arms.bits(), std::memory_order_acq_rel); }
 
   // --- loop thread, between two steps ---
-  // Refuses requests with a patience that were posted before now: they were not meant for this run of the
-  // loop.
+  // Refuses requests with a patience that were posted before now: they were not meant for this run of
+  // the loop.
   void begin_anew() {
     began_ = host_now();
     gaps_.restart(began_);

@@ -107,8 +107,8 @@ bool Reference::too_fast() const {
   return peak_excess(8) > (speed_excess(now_) > kStreamExcess ? 1 : kStreamExcess);
 }
 
-// The largest share of the limits that the velocity of a sample uses; for the limits of its points at least
-// 1.
+// The largest share of the limits that the velocity of a sample uses; for the limits of its points at
+// least 1.
 double Reference::speed_excess(const QuinticSegment::Sample& sample) const {
   const Magnitude speed = magnitude(sample.velocity);
   return std::max({speed.linear / spec_.max_speed, speed.angular / spec_.max_angular_speed,

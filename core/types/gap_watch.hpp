@@ -7,16 +7,16 @@
 
 namespace multipanda {
 
-// Notices that the program stood still (SIGSTOP, swapping, a suspended computer), from looks of one thread at
-// least every 0.1 s. Whatever was asked before the end of such a gap is not executed: its asker may
-// have given up, and somebody may have walked up to the arms.
+// Detects that the program stalled (SIGSTOP, swapping, a suspended computer), by calls of one thread at least
+// every 0.1 s. Requests from before the end of such a gap are not executed: their sender may have given up,
+// and a person may have walked up to the arms.
 class GapWatch {
  public:
   static constexpr std::chrono::nanoseconds kLongest = std::chrono::milliseconds(500);
   static constexpr std::chrono::nanoseconds kSlice = std::chrono::milliseconds(100);  // between two looks
 
-  // Returns the end of the latest gap; 0: none so far. `counts`: 0 for a further look before the next read.
-  // `boot`: a clock that counts the time in suspend, in which HostTime stands still.
+  // Returns the end of the latest gap; 0: none so far. `counts`: 0 for a further call before the next read.
+  // `boot`: a clock that also counts the time in suspend, unlike HostTime.
   HostTime look(HostTime now = host_now(), int counts = 1, std::chrono::nanoseconds boot = since_boot()) {
     looks_ += counts;
     if (const auto length = std::max(now - seen_, boot - boot_); seen_.ns != 0 && length > kLongest) {
@@ -28,17 +28,17 @@ class GapWatch {
     boot_ = boot;
     return end_;
   }
-  // Begins again: the time since the last look is no gap.
+  // Begins again: the time since the last call does not count as a gap.
   void restart(HostTime now = host_now(), std::chrono::nanoseconds boot = since_boot()) {
     seen_ = now;
     boot_ = boot;
   }
-  // Whether what is read now may have been asked before the latest gap's end. It waits in sockets, and other
-  // threads may still pass it on.
+  // Whether messages read now may be from before the latest gap's end. They wait in sockets, and other
+  // threads may still pass them on.
   bool settles() const { return settles(seen_); }
-  bool settles(HostTime read) const {  // the same of what was read then
+  bool settles(HostTime read) const {  // the same for messages read then
     constexpr std::chrono::nanoseconds kSettle = std::chrono::milliseconds(250);
-    constexpr int kLooks = 4;  // a busy thread has read what waited by then
+    constexpr int kLooks = 4;  // a busy thread has read the waiting messages by then
     return end_.ns != 0 && (read - end_ < kSettle || looks_ < kLooks);
   }
   HostTime end() const { return end_; }                        // of the latest gap; 0: none so far
@@ -58,6 +58,7 @@ class GapWatch {
 
 // Why a request is refused after a gap.
 inline constexpr const char* kStalled =
-    "this program stalled until just now, and earlier requests are not executed: look at the arms, then send them again";
+    "this program stalled until just now, and earlier requests are not executed: look at the arms, then send "
+    "them again";
 
 }  // namespace multipanda

@@ -22,7 +22,7 @@ std::string JointRange::refusal(std::span<const double> q) const {
   const auto k = static_cast<Eigen::Index>(i);
   const bool slides = (prismatic >> i & 1u) != 0;
   const char* const unit = slides ? "m" : "rad";
-  // A thousandth of it would do, or what it is in radians; a joint hardly turns more than once.
+  // The value would fit in thousandths, or converted to radians; a joint hardly turns more than once.
   constexpr double kDegree = std::numbers::pi / 180, kTurn = 2 * std::numbers::pi;
   const auto inside = [&](double x) { return x >= min[k] && x <= max[k]; };
   const bool far = std::abs(q[i]) > 10 * std::max(std::abs(min[k]), std::abs(max[k]));

@@ -17,7 +17,7 @@ struct JointRange {
   static constexpr double kRounding = 1e-6;
   // The first joint outside of its range; q.size(): none. A position that is not finite is outside.
   std::size_t first_outside(std::span<const double> q) const;
-  // What is wrong with that joint, in words; empty: nothing. Off the loop.
+  // The fault of that joint as text; empty: none. Off the loop.
   std::string refusal(std::span<const double> q) const;
 };
 

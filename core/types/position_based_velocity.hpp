@@ -7,7 +7,7 @@
 
 namespace multipanda {
 
-// What a control interface allows where it ties a joint's velocity to its position: towards an end of the
+// The velocity limit of a control interface that depends on the joint's position: towards an end of the
 // range, at the distance d from it, at most min(dq_max, max(0, sqrt(2 deceleration d) - offset)). The ends
 // are the interface's own and may lie beyond the arm's position limits. Every vector (n x 1).
 struct PositionBasedVelocity {

@@ -67,7 +67,7 @@ def by_sequence(sequence, sent, used, period, largest=20, tolerance=0.0):
 
     `sequence`: of the arm's packet that the torque of this row answers; `used`: the torque in use that this packet
     reports. A torque that is used at once is reported by the next packet: delay 0. NaN: never (lost, or it came
-    after the last packet, or the one before was the same to the bit). The last `largest` + 1 rows are left out.
+    after the last packet, or the previous one was identical). The last `largest` + 1 rows are left out.
     `tolerance` [N m], one for all rows or one each: how much smaller the torque sent to the arm may have been.
     """
     sequence = np.asarray(sequence)

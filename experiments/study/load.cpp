@@ -81,9 +81,11 @@ void read_base(Archive& archive, Study& study) {
   archive(Key("scene", "Name or file of a scene, relative to this file."), scene);
   archive(Key("experiment", "Name or file of an experiment."), experiment);
   archive(Key("refine", "Name of an experiment that `multipanda refine` adapts to hidden plants."), refine);
-  archive(Key("program",
-              "A command with its arguments that writes result.json into the folder {out}. {seed} is the seed, {KEY} a value of `set`. Arguments that name a file, relative to this one, become its path."),
-          program);
+  archive(
+      Key("program",
+          "A command with its arguments that writes result.json into the folder {out}. {seed} is the seed, "
+          "{KEY} a value of `set`. Arguments that name a file, relative to this one, become its path."),
+      program);
   archive(Key("files", "Files and folders that the program depends on, relative to this file."), study.files);
   if (!archive.reading()) return;
   const auto bases = archive.present({"scene", "experiment", "refine", "program"});
@@ -118,9 +120,8 @@ void check_kind(const Archive& archive, const Study& study) {
   }
   if (study.kind != Study::Kind::program) foreign.emplace_back("files");
   for (const auto& key : archive.present(foreign))
-    archive.at(key).refuse(
-        "the key '" + key + "' has no meaning here" +
-        (study.kind == Study::Kind::refine ? "; options of refine belong in 'set'" : ""));
+    archive.at(key).refuse("the key '" + key + "' has no meaning here" +
+                           (study.kind == Study::Kind::refine ? "; options of refine belong in 'set'" : ""));
   if (archive.has("seeds") && archive.has("seed_list"))
     archive.at("seed_list").refuse("`seeds` and `seed_list` exclude each other; remove one");
 }

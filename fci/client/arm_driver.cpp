@@ -102,7 +102,7 @@ void ArmDriver::run() {
   while (true) {
     std::array<pollfd, 2> watched{{{.fd = wake_, .events = POLLIN, .revents = 0},
                                    {.fd = link_.tcp_file(), .events = POLLIN, .revents = 0}}};
-    constexpr int kSliceMs = 100;  // for the look at gaps
+    constexpr int kSliceMs = 100;  // interval between checks for gaps
     (void)link_.gaps().look();
     (void)::poll(watched.data(), watched.size(), kSliceMs);
     (void)link_.gaps().look();
@@ -250,7 +250,7 @@ std::future<RequestAnswer> ArmDriver::request(ArmRequest request) {
   if (std::holds_alternative<RecoverFromError>(request))
     return post_request([this, now] { return recover(now); });
   if (std::holds_alternative<Reconnect>(request)) return post_request([this, now] { return reconnect(now); });
-  if (std::holds_alternative<StopMotion>(request)) {  // never too late, and before all that waits
+  if (std::holds_alternative<StopMotion>(request)) {  // never too late, and before all waiting requests
     stopped_ns_.store(now.ns, std::memory_order_release);
     return post({[this] { return stop(); }, {}, now}, true);
   }
@@ -306,7 +306,7 @@ void ArmDriver::change_motion() {
   if (!answer.success) notify(answer.reason);
 }
 
-// A motion that somebody asked for, unless somebody stopped it or the program has stood still since.
+// A requested motion, unless it was stopped or the program stalled since.
 void ArmDriver::start_motion_of(HostTime asked) {
   const bool stopped = asked.ns < stopped_ns_.load(std::memory_order_acquire);
   if (stopped || asked < link_.gaps().look()) {  // also since the last wait

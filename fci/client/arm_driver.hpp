@@ -156,7 +156,7 @@ class ArmDriver {
   std::atomic<bool> end_effector_connected_{false};
   std::atomic<Phase> phase_{Phase::offline};
   std::atomic<bool> stop_requested_{false};         // set by the loop
-  std::atomic<std::int64_t> stopped_ns_{0};         // when a stop of its motion was asked for last
+  std::atomic<std::int64_t> stopped_ns_{0};         // time of the last request to stop its motion
   std::atomic<double> low_success_{1};              // set by the loop: share to be reported; 1: none
   std::atomic<ArmMotion> requested_motion_;         // set by the loop
   std::atomic<ArmMotion> motion_{ArmMotion::none};  // motion started last; set by the commander

@@ -135,7 +135,7 @@ std::future<RequestAnswer> EndEffectorConnection::request(const GripperRequest& 
   }
   entry.give_up = after(protocol_->patience_s(request));
   try {
-    constexpr double kAtOnce = 0;  // who asks may have to pass on a stop of the arms next
+    constexpr double kAtOnce = 0;  // the sender may have to pass on a stop of the arms next
     channel_.send(entry.message, kAtOnce);
   } catch (const ConnectionError& error) {
     if (error.is_fatal()) present_ = false;  // run() also notices, and answers the other pending requests

@@ -8,9 +8,9 @@
 
 namespace multipanda::fci {
 
-// An arm's hold, as the multimode controller has it, for the time in which a torque motion runs but no
-// control loop does: while other arms still begin, until a motion has ended, and while a program on another
-// clock is silent. Without torque an arm would float, and a repeated torque would push it away.
+// An arm's hold, as in the multimode controller, while a torque motion runs but no control loop: while other
+// arms still begin, until a motion has ended, and while a program on another clock is silent. Without torque
+// an arm would float, and a repeated torque would push it away.
 class PostureHold {
  public:
   PostureHold(const std::shared_ptr<const ArmModel>& model, const ArmFrames& frames, const Load& tool,

@@ -75,8 +75,8 @@ class TcpChannel {
   void forget(std::uint32_t command_id);
   // Reads received data without waiting. Throws if the other end has closed.
   void read_available();
-  // The gaps of the thread that waits here. It looks before and after whatever it waits for elsewhere, and
-  // restarts after what may take long in itself.
+  // Detects gaps of the thread that waits here. It checks before and after every other wait, and restarts
+  // after steps that may take long in themselves.
   GapWatch& gaps() const { return gaps_; }
 
  private:

@@ -190,7 +190,8 @@ void ArmPort::take_datagram(std::span<const std::byte> datagram, std::chrono::na
   // Accept a program that keeps lagging: waiting for the newer answer would only slow it down.
   answered_ = !stale || lagging_;
   motion_.commanded = true;
-  // A program whose answer crossed with a state, and is replaced by its next one, changed its torque twice.
+  // An answer to an older state, replaced by the program's next answer in the same period: the torque
+  // changed twice.
   if (has_pending_ && config_.lockstep) {
     fill(command_, pending_);
     arm_.count_replaced(command_);
@@ -245,8 +246,8 @@ void ArmPort::publish() {
   }
   fill(state_, message_id_, arm_, config_.fixed);
   if (motion_.runs && is_external(state_)) {
-    // A motion begins at zero, whatever the motors hold the arm with until the first command is taken. After
-    // it, the world has not yet advanced with the torque that was just taken, but the arm has.
+    // A motion begins at zero, although the motors hold the arm until the first command is taken. After that,
+    // the arm reports the torque that it just took, although the world has not yet advanced with it.
     if (!motion_.commanded) {
       show_torque_taken(state_, joint_constant(kWireJoints, 0));
     } else if (config_.own_clock) {

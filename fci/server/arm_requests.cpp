@@ -179,7 +179,7 @@ void ArmPort::move(std::uint32_t command_id, const MoveRequest& request) {
   if (motion_.runs) return reply(Command::move, command_id, Status::not_possible);
   const MotionRequest requested = motion_request(request);
   const MotionStart start = arm_.start_motion(requested);
-  // An arm tells of a singular pose after it has accepted the motion: libfranka then throws ControlException.
+  // An arm reports a singular pose after it has accepted the motion: libfranka then throws ControlException.
   const bool singular = start == MotionStart::singular;
   reply(Command::move, command_id, singular ? Status::motion_started : status_of(start));
   if (start != MotionStart::started && !singular) return;

@@ -141,8 +141,8 @@ void show_idle(RobotState& state, const SimulatedArm& arm) {
 
 void show_torque_taken(RobotState& state, const JointVector& tau) { put(state.tau_J_d, tau); }
 
-// A Panda's systems speak 4 or 5, those of a Franka Research 3 6 to 10 (docs/fci.md). Only a Research 3 ties
-// velocities to positions; an arm without limits of a Cartesian interface is neither.
+// A Panda's systems use versions 4 or 5, those of a Franka Research 3 6 to 10 (docs/fci.md). Only a Research
+// 3 has velocity limits that depend on position; an arm without Cartesian limits is neither.
 VersionRange versions_of(const SceneArm& arm, const RobotDescription& robot) {
   if (arm.fci && arm.fci->version != 0) {
     const auto version = static_cast<std::uint16_t>(arm.fci->version);

@@ -31,18 +31,18 @@ void fill(RobotState& state, std::uint64_t message_id, const SimulatedArm& arm, 
 // State of an arm whose motion has ended since its measurement: modes and errors as in its next state.
 void show_idle(RobotState& state, const SimulatedArm& arm);
 
-// tau_J_d of an arm in torque control: the torque that it took last, even if its motors are still at an older
-// one. With a later update arms would tolerate a lost command only at a fraction of the torque rate.
+// tau_J_d of an arm in torque control: the torque that it accepted last, even if its motors still apply an
+// older one. With a later update arms would tolerate a lost command only at a fraction of the torque rate.
 void show_torque_taken(RobotState& state, const JointVector& tau);
 
-// An arm's settings have four decimals for the entries of a rotation (presumed from the 0.7071 in states that
-// programs have printed): the hand's 45 degrees are sent as 0.7071.
+// An arm's settings have four decimals for the entries of a rotation (inferred from the 0.7071 in published
+// states): the hand's 45 degrees are sent as 0.7071.
 Pose as_in_settings(Pose X);
 // Whether the bottom row is 0 0 0 1 and the rest a rotation, each to 1e-5, and all finite.
 bool is_transform(const std::array<double, 16>& column_major);
 
-// What a scene's arm declares of itself: its mounting, hand and tool as a real arm's settings name them, and
-// the version of its `fci` or those of its generation. Throws std::invalid_argument.
+// The declarations of a scene's arm: its mounting, hand and tool as in a real arm's settings, and the version
+// of its `fci` or those of its generation. Throws std::invalid_argument.
 FixedConfig fixed_config(const SceneArm& arm);
 
 }  // namespace multipanda::fci

@@ -74,8 +74,8 @@ struct ArmPlace {
   std::optional<VersionRange> versions = {};  // that it accepts; none: those of fixed_config()
 };
 
-// As programs meet arms: unless the scene's plant says how much of the rotors' inertia is hidden, all of it
-// acts. Links without it are too light for gains that real arms bear, such as those of Franka's examples.
+// As on real arms: unless the scene's plant hides a part of the rotors' inertia, all of it acts. Links
+// without it are too light for gains with which real arms are stable, such as those of Franka's examples.
 void let_rotors_act(Scene& scene);
 
 struct VirtualArmOptions {
@@ -89,8 +89,8 @@ struct VirtualArmOptions {
   // newest step of the world, numbered by themselves.
   std::vector<ClockOffset> clocks;
   LibraryModel library = LibraryModel::own;  // what arms send up to protocol version 9
-  // With fidelity `realistic`, sensors and estimates as real arms have them (MujocoPlant's PlantOptions),
-  // which no model describes: off where a simulation is compared with its own model.
+  // With fidelity `realistic`, sensors and estimates as on real arms (MujocoPlant's PlantOptions), which are
+  // not part of any model: off where a simulation is compared with its own model.
   bool real_sensors = false;
   bool grippers = true;     // of the hands and vacuum grippers in the scene, at their own ports
   DatagramFaults faults{};  // of every arm, from the start
@@ -157,8 +157,8 @@ class VirtualArms {
   bool freeze(ArmIndex arm, double seconds);  // its port neither sends nor receives
   bool close_connection(ArmIndex arm);
   bool push(ArmIndex arm, const Vector3& f_W, double seconds);  // on the flange, world axes [N]
-  // A person's hand leads the end effector's origin to a place of the world [m]: spring, damper, 10 N at
-  // most; it keeps the orientation of the moment.
+  // A person's hand moves the end effector's origin to a place in the world [m]: spring, damper, 10 N at
+  // most; it keeps the present orientation.
   bool lead(ArmIndex arm, const Vector3& p_W, double seconds);
 
  private:

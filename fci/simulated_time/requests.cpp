@@ -10,7 +10,7 @@
 namespace multipanda::fci {
 namespace {
 
-constexpr std::int64_t kRetry = 1'000'000;  // polling interval for an expected state [ns]
+constexpr std::int64_t kRetry = 1'000'000;  // polling interval while waiting for a state [ns]
 
 }  // namespace
 

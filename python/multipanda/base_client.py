@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 _FIRST_CYCLE_S = 60  # a real arm may take a while to begin
 _CATCH_UP_S = 1  # the state is published beside the loop, a moment after the answer
-_OLD_S = 0.1  # an older state means that the run stands still
+_OLD_S = 0.1  # an older state means that the run has stalled
 _EVENTS_S = 0.1  # events are written beside the loop, a moment after the state
 _LOOKED_THROUGH = 256  # newest events that are searched
 
@@ -202,14 +202,14 @@ class BaseClient:
         Never returns a state older than 0.1 s: it waits up to 1 s for the next cycle.
 
         Raises:
-            Timeout: The run did not answer, or its loop stands still.
+            Timeout: The run did not answer, or its loop has stalled.
             Disconnected: The run has ended.
         """
         record = self._fresh(None)
         return self._asked_state() if record is None else record.state(self.shared().rate_hz())
 
     def _aged(self, answer: Json) -> Json:
-        """The state in an answer, with the time that it was on the way."""
+        """The state in an answer, with its transit time."""
         data: Json = answer["state"]
         way_s = 1e-9 * (time.monotonic_ns() - self.connection.answered_ns(answer))
         return {**data, "since_cycle_s": data["since_cycle_s"] + max(0.0, way_s)}
@@ -251,7 +251,7 @@ class BaseClient:
     def stop(self, arms: Names = "all") -> None:
         """Holds arms from the next cycle on until resume(). Not a safety-rated stop.
 
-        It has a connection of its own, and works whatever this client waits for, also after close(). With a wrong name
+        It uses a connection of its own, so it works while this client waits, and after close(). With a wrong name
         it stops all arms, and warns.
         """
         try:
@@ -280,7 +280,7 @@ class BaseClient:
         """The state, `rate_hz` times a second of wall time [Hz], until the run ends or the loop is left.
 
         Raises:
-            Timeout: The run's loop has stood still for 1 s.
+            Timeout: The run's loop has stalled for 1 s.
         """
         lines: queue.SimpleQueue[Json | None] = queue.SimpleQueue()
         # A connection has one subscription, so this uses a separate connection.
@@ -306,7 +306,7 @@ class BaseClient:
 
     @staticmethod
     def newest_events(shared: SharedRecords, since_s: float) -> Iterator[Json]:
-        """What has happened since since_s [s], the newest first: `kind`, `arm`, `text`."""
+        """Events since since_s [s], the newest first: `kind`, `arm`, `text`."""
         for number in range(shared.events_written - 1, max(-1, shared.events_written - _LOOKED_THROUGH), -1):
             _, t_ns, event = shared.read_event(number) or (0, 0, {})
             if 1e-9 * t_ns <= since_s:
@@ -314,14 +314,14 @@ class BaseClient:
             yield event
 
     def objects(self) -> dict[str, Pose]:
-        """Simulation: where the free objects are now, in the world."""
+        """Simulation: the present poses of the free objects in the world."""
         found = self.ask({"do": "state"})["state"]["objects"]
         return {name: Pose(each["position_m"], each["quaternion_wxyz"]) for name, each in found.items()}
 
     def lost_by(self, controllet: str, arm: ArmState, since_s: float = 0) -> str:
-        """Why a controllet does not own an arm any more, whose state this is: by what has happened since since_s [s].
+        """Why a controllet no longer owns an arm with this state: from the run's events since since_s [s].
 
-        The run's events say it. Where they are not shared it is what the state shows.
+        If the run shares no events, from the state.
         """
         deadline = time.monotonic() + _EVENTS_S
         while not arm.stopped:

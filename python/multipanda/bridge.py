@@ -52,7 +52,7 @@ class Frames:
         self._left = bytearray()
 
     def add(self, part: bytes) -> list[tuple[bytes, int, bytes]]:
-        """The frames that are complete now. Raises ValueError for what is none."""
+        """The frames that are complete now. Raises ValueError for invalid ones."""
         self._left += part
         found = []
         while len(self._left) >= HEADER.size:
@@ -68,7 +68,7 @@ class Frames:
 
 
 class _Mirror:
-    """The run's shared records: what is new since the last look."""
+    """The run's shared records: new ones since the last call."""
 
     def __init__(self, path: str, rate_hz: float) -> None:
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -125,7 +125,7 @@ class Bridge:
         self.waiting: dict[int, bytearray] = {}  # for the run, by channel
         self.lines: dict[int, bytearray] = {}  # the begun line of a channel
         self.commanded: set[str] = set()
-        self.told = -1  # who is told of them
+        self.told = -1  # clients that receive them
         self.out = bytearray(MAGIC + frame(b"h", 0, path.encode()))
         self.mirror: _Mirror | None = None
         self.heard_s, self.silence_s = time.monotonic(), 10.0
@@ -191,7 +191,7 @@ class Bridge:
                 self.send(number)
 
     def send(self, number: int) -> None:
-        """Sends what waits for the run."""
+        """Sends the data that waits for the run."""
         try:
             with contextlib.suppress(BlockingIOError):
                 while self.waiting[number]:
@@ -205,14 +205,14 @@ class Bridge:
         self.out += frame(b"d", number)
 
     def turn(self, frames: Frames) -> None:
-        """Waits for something and handles it."""
+        """Waits for events and handles them."""
         poll = select.poll()
         poll.register(0, _IN)
         if self.out:
             poll.register(1, _OUT)
         of_file = {own.fileno(): number for number, own in self.sockets.items()}
         for file, number in of_file.items():
-            unread = len(self.out) < MOST_BYTES  # a client that does not read makes the run wait, not this grow
+            unread = len(self.out) < MOST_BYTES  # if the client does not read, the run waits; this buffer stays small
             poll.register(file, (_IN if unread else 0) | (_OUT if self.waiting[number] else 0))
         if self.mirror:
             poll.register(self.mirror.socket, _IN)
@@ -228,7 +228,7 @@ class Bridge:
                     self.take(*one)
             elif file in of_file and of_file[file] in self.sockets:
                 self.serve(of_file[file], events)
-            elif self.mirror and file == self.mirror.socket.fileno():  # the run has nothing to say here but its end
+            elif self.mirror and file == self.mirror.socket.fileno():  # the run sends nothing here but its end
                 self.out += self.mirror.news() + frame(b"t")
                 self.mirror = None
         if time.monotonic() > self.heard_s + self.silence_s:
@@ -257,7 +257,7 @@ class Bridge:
                 self.close(number)
 
     def hold(self) -> None:
-        """Holds the arms of all that the client has commanded; what it asked for and has not begun does not begin."""
+        """Holds all arms that the client has commanded; its pending requests do not begin."""
         for own in self.sockets.values():
             own.close()
         if not self.commanded:
@@ -288,7 +288,7 @@ class Bridge:
 def main() -> int:
     """Serves standard input and output."""
     for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGINT, signal.SIGPIPE):
-        signal.signal(number, signal.SIG_IGN)  # the pipe's end is what counts: it holds the arms
+        signal.signal(number, signal.SIG_IGN)  # the end of the pipe holds the arms
     for file in (0, 1):
         fcntl.fcntl(file, fcntl.F_SETFL, fcntl.fcntl(file, fcntl.F_GETFL) | os.O_NONBLOCK)
     bridge = Bridge(os.path.abspath(sys.argv[1]))

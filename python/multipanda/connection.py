@@ -88,11 +88,11 @@ def _connected(path: str | os.PathLike[str], link: Link | None, timeout_s: float
 def stop_run(
     path: str | os.PathLike[str], arms: Sequence[str] = ("all",), timeout_s: float = 5, link: Link | None = None
 ) -> Json:
-    """Stops arms over a connection of its own, so that nothing else of this process is in its way.
+    """Stops arms over a connection of its own, so that nothing else in this process can delay it.
 
     Raises:
         Disconnected: No run listens there.
-        Timeout: No answer within timeout_s [s]: a run that stands still stops when it goes on.
+        Timeout: No answer within timeout_s [s]: a stalled run stops when it continues.
     """
     line = json.dumps({"id": 1, "do": "stop", "arms": list(arms)}).encode() + b"\n"
     deadline = time.monotonic() + timeout_s
@@ -268,7 +268,7 @@ class Connection:
         Args:
             request: The request, without an `id`.
             on_id: Called with its number before it is sent.
-            patience_s: How long somebody waits for the answer [s]; the run does not begin the request later.
+            patience_s: How long the sender waits for the answer [s]; the run does not begin the request later.
         """
         self.check()
         sent = time.monotonic_ns()
@@ -339,7 +339,7 @@ class Connection:
         return 0 if self.link is None else 2e-9 * self.link.clock.uncertainty_ns
 
     def close(self) -> None:
-        """Closes the connection. Requests without an answer that have not begun do not begin any more."""
+        """Closes the connection. Pending requests no longer begin."""
         self._end("the connection was closed")
         try:
             self._socket.shutdown(socket.SHUT_RDWR)

@@ -24,7 +24,10 @@ def _no_parameter(owner: Any, name: str) -> AttributeError:
 
 
 class _Parameters:
-    """Only parameters can be written: a typing error must not make a new attribute. Reading one says the nearest."""
+    """Only parameters can be written: a typing error must not make a new attribute.
+
+    Reading an unknown one suggests the nearest.
+    """
 
     def __setattr__(self, name: str, value: Any) -> None:
         if not isinstance(inspect.getattr_static(type(self), name, None), (Parameter, property)):
@@ -32,7 +35,7 @@ class _Parameters:
         object.__setattr__(self, name, value)
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # of Python and notebooks, which look for what need not be there
+        if name.startswith("_"):  # of Python and notebooks, which look up optional attributes
             raise AttributeError(name)
         raise _no_parameter(self, name)
 
@@ -123,11 +126,11 @@ class Controllet(_Parameters, Instance):
         self.client.ask({"do": "feature", "controllet": self.name, "name": name, "on": on})
 
     def activate(self) -> None:
-        """Gives it its arms: run.switch(name)."""
+        """Activates it: run.switch(name)."""
         self.client.switch(self.name)
 
     def deactivate(self) -> None:
-        """Takes its arms, which are held then."""
+        """Deactivates it; its arms are held."""
         self.client.switch(deactivate=self.name)
 
     def goal(
@@ -147,8 +150,9 @@ class Controllet(_Parameters, Instance):
                 wrench [N, N m] 6 numbers, linear first; for joints one angle each [rad].
             frame: `world` (default) or `<arm>_base`.
             duration_s: Duration of the motion [s]; longer if the limits require it. Without it, as fast as they allow.
-            until: What ends it before, in the loop: the estimated force or moment of an arm changes by `force_n` [N] or
-                `torque_nm` [N m], or its hand moves by `distance_m` [m]. The set-point then brakes and rests there.
+            until: Conditions that end it early, in the loop: the estimated force or moment of an arm changes by
+                `force_n` [N] or `torque_nm` [N m], or its hand moves by `distance_m` [m]. The set-point then brakes and
+                rests there.
 
         Returns:
             The goal: `shortest_s` is what its limits allow, `wait()` waits for the arrival.
@@ -166,7 +170,7 @@ class Controllet(_Parameters, Instance):
         if duration_s is not None:
             request["duration_s"] = duration_s
         if until is not None:
-            self.client.shared()  # which says how it ended
+            self.client.shared()  # which reports how it ended
             request["until"] = {key: float(value) for key, value in until.items()}
         answer = self.client.ask(request)
         self.client.commanded(self.name)
@@ -185,7 +189,8 @@ class Controllet(_Parameters, Instance):
     ) -> ArmState:
         """Goes through poses or joint angles and stops at the last one only.
 
-        The next goal is set where the arm is within the tolerances of the one before it: it turns there without rest.
+        The next goal is set where the arm is within the tolerances of the one before it: it turns there without
+        stopping.
         Errors are those of goal() and Goal.wait().
 
         Args:

@@ -53,7 +53,7 @@ class Goal:
 
     @property
     def ended_by(self) -> str:
-        """What has ended it before it was reached: `force_n`, `torque_nm` or `distance_m`; empty: nothing so far."""
+        """What ended it early: `force_n`, `torque_nm` or `distance_m`; empty: nothing so far."""
         client, begins = self.controllet.client, f"{self.controllet.name}.{self.spec['name']} ended by "
         if not self._until:
             return ""
@@ -107,7 +107,7 @@ class Goal:
         return goal.distance_to(reached), goal.angle_to(reached)
 
     def _late(self, state: ArmState, timeout_s: float) -> Timeout:
-        """What is in the way of the arm: its set-point of the same cycle says whether it is the limits of speed."""
+        """Why the arm is late: its set-point of the same cycle shows whether speed limits are the cause."""
         client, found = self.controllet.client, None
         with contextlib.suppress(Refused):  # the run shares no records
             record = client.record()
@@ -136,7 +136,7 @@ class Goal:
     ) -> ArmState:
         """Waits until the arm is within the tolerances and at rest; all of its arms, if the controllet has several.
 
-        A goal that its `until` has ended counts as reached where the arm comes to rest: `ended_by` says so.
+        A goal that its `until` has ended counts as reached where the arm comes to rest; see `ended_by`.
 
         Args:
             timeout_s: How long to wait [s].

@@ -59,9 +59,9 @@ class Instance:
         return inputs[name]
 
     def set_point(self, name: str) -> Any:
-        """Where the loop's set-point of an input is now: a Pose in the world, or an array in SI units.
+        """The loop's present set-point of an input: a Pose in the world, or an array in SI units.
 
-        While it moves, a place on its way. Goals relative to it do not add up what a soft arm yields:
+        Goals relative to it do not accumulate the deflection of a soft arm:
         `law.goal("pose", law.set_point("pose").moved(z=0.1))`.
 
         Raises:

@@ -21,7 +21,7 @@ class JogLimits:
         speed_m_per_s: Speed at full deflection [m/s].
         turn_rad_per_s: Angular velocity at full deflection [rad/s].
         force_n: Force on the environment above which the target does not press further [N].
-        lead_m: Largest distance of the target to the hand [m], so that a hand that is held back does not wind up.
+        lead_m: Largest distance of the target to the hand [m], against windup of a hand that is held back.
         lead_rad: Largest angle between both [rad].
     """
 
@@ -59,7 +59,7 @@ def axes_rotation(axes: str, base: Pose, hand: Pose) -> Array:
 
 
 def force_limited(velocity: Array, force: Array, limit_n: float) -> Array:
-    """Without the part of a velocity [m/s] that presses further where the hand already presses [N].
+    """Removes the part of a velocity [m/s] that would press further where the hand already presses [N].
 
     It fades between half of the limit and all of it. `force` is what the arm exerts on its environment.
     """

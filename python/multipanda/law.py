@@ -239,8 +239,8 @@ class Law:
     def samples(self, count: int, *, states: int | None = None, seed: int = 1) -> list[dict[str, Any]]:
         """The first random states of a trial, with the model terms of the robot and the law's torques.
 
-        Each has `arms` (with `tau`), `inputs`, `parameters`, `outputs`, `dt`, `time_s`, as `evaluate` takes them. It
-        says `started` if the memory began with zeros before it.
+        Each has `arms` (with `tau`), `inputs`, `parameters`, `outputs`, `dt`, `time_s`, as `evaluate` takes them.
+        `started` marks states before which the memory began with zeros.
 
         Args:
             count: How many.
@@ -364,7 +364,7 @@ class Law:
 
 
 def _text(value: Any) -> str:
-    """A constant of a law. Of functions, which are compared by their source, and modules, the name."""
+    """A constant of a law; for functions, which are compared by their source, and for modules the name."""
     if isinstance(value, np.ndarray):
         return f"{value.dtype} {value.shape} {value.tobytes()!r}"
     if callable(value) or isinstance(value, types.ModuleType):

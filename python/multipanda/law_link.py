@@ -22,7 +22,7 @@ def undefined_symbols(code: bytes) -> list[str]:
     """Names that an object file (ELF, 64 bit) needs from elsewhere.
 
     Raises:
-        ValueError: It is no such file.
+        ValueError: It is not such a file.
     """
     if code[:5] != b"\x7fELF\x02":
         raise ValueError("expected an ELF object file of 64 bit")

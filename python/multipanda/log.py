@@ -160,7 +160,7 @@ class Log(Mapping[str, Values]):
 
     @property
     def interventions(self) -> list[dict[str, Any]]:
-        """Where the safety stage began to act."""
+        """The beginnings of interventions of the safety stage."""
         return self.messages("interventions")
 
     def fields(self, topic: str) -> dict[str, Values]:

@@ -72,11 +72,11 @@ class ArmModel:
         """Inverse kinematics: joint angles within their ranges whose pose() is this one, to 1e-9 m and 1e-9 rad.
 
         By damped Newton steps from `near_rad`, then from seeded random angles: of an arm with a redundant joint it is
-        one of many. It looks at no obstacle and at no path.
+        one of many. It ignores obstacles and the path.
 
         Args:
             pose: A Pose, seven numbers or a matrix, as for goals [m].
-            near_rad: Where to begin; `home_rad` by default.
+            near_rad: Initial joint angles; `home_rad` by default.
 
         Raises:
             Refused: No joint angles were found.
@@ -109,7 +109,7 @@ class ArmModel:
         return np.concatenate([goal.position_m - values[:3], turn])
 
     def set_load(self, mass_kg: float, com_m: Any, inertia_kg_m2: Any = None) -> None:
-        """The payload that it counts: mass [kg], center of mass in the flange [m], inertia about it [kg m^2]."""
+        """The payload that it includes: mass [kg], center of mass in the flange [m], inertia about it [kg m^2]."""
         inertia = np.zeros((3, 3)) if inertia_kg_m2 is None else np.array(inertia_kg_m2, dtype=np.float64)
         self._terms.set_load(float(mass_kg), np.array(com_m, dtype=np.float64), inertia)
 

@@ -1,4 +1,4 @@
-"""A table of the arms that renews itself, in a notebook or a terminal."""
+"""A table of the arms that updates itself, in a notebook or a terminal."""
 
 from __future__ import annotations
 
@@ -53,12 +53,12 @@ def _notebook_view() -> Callable[[str], None] | None:
 
 
 def live_table(client: BaseClient, seconds: float = 10, rate_hz: float = 5) -> None:
-    """Shows the arms in a notebook or a terminal, until the cell is interrupted. The loop does not notice.
+    """Shows the arms in a notebook or a terminal, until the cell is interrupted, without effect on the loop.
 
     Args:
         client: The run.
         seconds: Loop time for which it is shown [s].
-        rate_hz: How often it is renewed [Hz].
+        rate_hz: Update rate [Hz].
     """
     show = _notebook_view()
     end: float | None = None

@@ -56,7 +56,7 @@ class Pose:
 
     @classmethod
     def measured(cls, position_m: Array, quaternion_wxyz: Array) -> Pose:
-        """From the numbers of a run [m], unchecked: they are not a number where nothing is known."""
+        """From the numbers of a run [m], unchecked: unknown ones are not a number."""
         pose = object.__new__(cls)
         object.__setattr__(pose, "position_m", position_m)
         object.__setattr__(pose, "quaternion_wxyz", quaternion_wxyz)

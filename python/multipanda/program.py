@@ -72,7 +72,7 @@ def checked_program() -> str:
 
 
 def last_lines(text: str, count: int = 8) -> str:
-    """The end of what a program said."""
+    """The last lines of a program's messages."""
     return "\n".join([line for line in text.strip().splitlines() if line.strip()][-count:])
 
 
@@ -82,7 +82,7 @@ def call(arguments: Sequence[str | os.PathLike[str]], timeout_s: float | None = 
     Ctrl-C and every other exception end the command as well. Raises Refused if it was not understood.
     """
     words = [checked_program(), *(os.fspath(word) for word in arguments)]
-    # A session of its own: Ctrl-C reaches this process only, which then ends the command in order.
+    # A session of its own: Ctrl-C reaches this process only, which then ends the command properly.
     with subprocess.Popen(
         words,
         stdin=subprocess.DEVNULL,

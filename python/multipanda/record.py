@@ -35,7 +35,7 @@ class Layout:
         self.modes: list[str] = table["modes"]
         self.errors: list[str] = table["errors"]
         self.interventions: list[str] = table["interventions"]
-        self.known_by: dict[str, str] = table["known_by"]  # quantities of arms, and what says that they are reported
+        self.known_by: dict[str, str] = table["known_by"]  # quantities of arms, and the flags that they are reported
         # Words of the quantities of each arm, and of those in an ArmState.
         self.arms: dict[str, dict[str, slice]] = {}
         self.in_state: dict[str, tuple[list[int], list[int], list[slice]]] = {}
@@ -62,7 +62,7 @@ class Layout:
 
 
 class _Quantities(Mapping[str, Array]):
-    """What an arm reports in a record."""
+    """The quantities that an arm reports in a record."""
 
     __slots__ = ("_arm", "_layout", "_row")
 

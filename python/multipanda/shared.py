@@ -186,7 +186,7 @@ class SharedRecords:
         return row.item(1), row.item(2), json.loads(text)
 
     def close(self) -> None:
-        """Ends what waits for the run. The mapping goes with its last reader."""
+        """Ends all waits for the run. The mapping is removed with its last reader."""
         with self._ending:
             self._ended = True
             if os.getpid() == self._process:

@@ -1,4 +1,4 @@
-"""A SpaceMouse leads a hand, while its button is held. Linux gives its reports by a hidraw device."""
+"""A SpaceMouse moves a hand while its button is held. Linux delivers its reports by a hidraw device."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def find_space_mouse(hidraw: pathlib.Path = pathlib.Path("/sys/class/hidraw")) -
 
 
 class Grip:
-    """Whether a device is held, by its reports and by their absence. What ended a hold needs a new press."""
+    """Whether a device is held, by its reports and by their absence. After a hold has ended, a new press is needed."""
 
     def __init__(self, cap_holds: bool, buttons: int = 0) -> None:
         """`buttons`: those that are down already; they hold nothing."""
@@ -58,7 +58,7 @@ class Grip:
         self._looked_s = time.monotonic()
 
     def lose(self) -> None:
-        """Nobody read the device for a while: what is down now must be let go first."""
+        """The device was not read for a while: buttons that are down now must be released first."""
         self.held, self._gripped = False, True
 
     def take(self, deflection: Array, buttons: int, now_s: float) -> None:
@@ -93,7 +93,7 @@ class Grip:
         return pressed
 
     def settle(self, mouse: SpaceMouse) -> int:
-        """Forgets reports that nobody has read: they are old, and move nothing. Returns the bits of pressed buttons."""
+        """Drops unread reports: they are old, and move nothing. Returns the bits of pressed buttons."""
         pressed = self.read(mouse)
         mouse.deflection = np.zeros(6)
         until = time.monotonic() + _SILENCE_S
@@ -187,15 +187,15 @@ class SpaceMouse:
         seconds: float | None = None,
         say: Callable[[str], object] = print,
     ) -> None:
-        """Leads the hand of a controllet, and returns after `seconds`, without them when it is interrupted.
+        """Moves the hand of a controllet, and returns after `seconds`, or without them when it is interrupted.
 
-        The hand moves while the left button is held, and is held as soon as it is let go. So it is when the device is
-        unplugged, when it says nothing for 150 ms while it is deflected (10 s at rest), and when the run refuses a
-        set-point; then a new press is needed. A press activates the controllet if its arm is held, and does nothing if
-        the arm is stopped or has another owner. So does a cap that is deflected at the beginning, until it was at rest.
-        The right button stops all arms; only `resume()` lets them move again. It is heard while this function runs, and
-        at its beginning if it was pressed since the last report was read.
-        It is not a safety-rated stop.
+        The hand moves while the left button is held, and is held as soon as it is released. The same happens when the
+        device is unplugged, when it sends nothing for 150 ms while it is deflected (10 s at rest), and when the run
+        refuses a set-point; then a new press is needed. A press activates the controllet if its arm is held, and does
+        nothing if the arm is stopped or has another owner. So does a cap that is deflected at the beginning, until it
+        was at rest. The right button stops all arms; only `resume()` lets them move again. It is heard while this
+        function runs, and at its beginning if it was pressed since the last report was read. It is not a safety-rated
+        stop.
 
         Args:
             controllet: A controllet of one arm.
@@ -246,7 +246,7 @@ def _axes(data: bytes) -> Array:
 def led_by(
     mouse: SpaceMouse, target: Pose, state: ArmState, base: Pose, axes: str, step_s: float, limits: JogLimits
 ) -> Pose:
-    """The target of a hand after a step [s] in which it is led; axes and base as in axes_rotation()."""
+    """The target of a hand after a step [s] of its motion; axes and base as in axes_rotation()."""
     rotation, deflection = axes_rotation(axes, base, state.pose), shaped(mouse.deflection)
     twist = np.concatenate([rotation @ deflection[:3], rotation @ deflection[3:]])
     force = np.zeros(3) if state.wrench_n_nm is None else state.wrench_n_nm[:3]
@@ -254,7 +254,7 @@ def led_by(
 
 
 class _Jog:
-    """The holds of one call of jog(), one after the other."""
+    """The successive holds of one call of jog()."""
 
     def __init__(
         self, controllet: Controllet, name: str, axes: str, limits: JogLimits, say: Callable[[str], object]
@@ -338,7 +338,7 @@ class _Jog:
         return state
 
     def release(self) -> None:
-        """Holds the arm, if it is led."""
+        """Holds the arm, if it is being moved."""
         if self.stream is not None:
             self.stream.close()
         self.stream = self.target = None

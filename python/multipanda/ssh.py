@@ -26,7 +26,7 @@ from .program import last_lines
 from .shared import SharedRecords
 
 _PING_S = 0.1
-_PINGS = 600  # that the clocks' offset is taken from: those of the last minute
+_PINGS = 600  # round trips of the last minute, which give the clocks' offset
 _FIRST_PINGS = 5
 _RECORDS_HZ = 50
 _UNSENT = 1 << 16  # bytes from which on samples wait: the newest ones are dropped where they are sent
@@ -48,7 +48,7 @@ class Clock:
 
     @property
     def least_ns(self) -> int:
-        """The least that it may be ahead [ns]: no request seems younger by it than it is."""
+        """Lower bound of its lead [ns], so that no request seems newer than it is."""
         return self.ahead_ns - self.uncertainty_ns
 
 
@@ -94,7 +94,7 @@ class MirroredRecords(SharedRecords):
         return 1e9 * (b - a) / (after_ns - before_ns) if after_ns > before_ns else 0.0
 
     def close(self) -> None:
-        """Ends what waits for the run."""
+        """Ends all waits for the run."""
         self.end()
 
 
@@ -204,7 +204,7 @@ class Link:
         return self._records
 
     def close(self) -> None:
-        """Ends it in order: the run goes on."""
+        """Ends it properly: the run continues."""
         if os.getpid() == self._process and not self.lost:
             self._send(frame(b"e"))
             self._thread.join(self._silence_s)
@@ -272,7 +272,7 @@ class Link:
             os.close(waker)
 
     def _greet(self, deadline_s: float) -> None:
-        """Waits for the bridge; what a login shell says before is left out."""
+        """Waits for the bridge; skips the output of a login shell."""
         heard = b""
         while MAGIC not in heard:
             left = deadline_s - time.monotonic()
@@ -287,7 +287,7 @@ class Link:
         self._heard_s = time.monotonic()
 
     def _why(self, wrong: Exception) -> str:
-        """What ssh says if it has ended."""
+        """The messages of ssh if it has ended."""
         try:
             code = self._child.wait(2 if isinstance(wrong, (EOFError, BrokenPipeError)) else 0)
         except subprocess.TimeoutExpired:
@@ -347,7 +347,7 @@ class Link:
         self._send(frame(b"d", number, data))
 
     def _bring(self, number: int) -> None:
-        """What the run has said to the one who listens here."""
+        """Data of the run for the reader here."""
         channel = self._channels.get(number)
         if channel is None:
             return

@@ -41,7 +41,7 @@ class Process:
         self._kept: tuple[str, str] | None = None  # output and messages, once the program has ended
         self._out: IO[bytes] = tempfile.TemporaryFile(prefix="multipanda-")
         self._err: IO[bytes] = tempfile.TemporaryFile(prefix="multipanda-")
-        # A session of its own: Ctrl-C reaches this process only, which then ends the program in order.
+        # A session of its own: Ctrl-C reaches this process only, which then ends the program properly.
         self.child = subprocess.Popen(
             self.words, stdin=subprocess.PIPE, stdout=self._out, stderr=self._err, start_new_session=True
         )
@@ -76,7 +76,7 @@ class Process:
         self.child.stdin.flush()
 
     def end(self, patience_s: float) -> int:
-        """Lets go and waits for the end; Ctrl-C meanwhile does not shorten the hold. Returns the exit code."""
+        """Closes the pipe and waits for the end; Ctrl-C meanwhile does not shorten the hold. Returns the exit code."""
         self.let_go()
         deadline = time.monotonic() + patience_s
         interrupted: KeyboardInterrupt | None = None
@@ -195,7 +195,7 @@ class Run(Client):
         try:
             super().__init__(self._connect(socket, start_timeout_s))
             self.state()  # waits for the first cycle
-        except Disconnected:  # the program says why, for example which arm it could not reach
+        except Disconnected:  # the program reports why, for example which arm it could not reach
             self._end_quietly()
             code = self.process.child.poll()
             if code:
@@ -241,7 +241,7 @@ class Run(Client):
 
     @property
     def messages(self) -> str:
-        """What the program has said so far."""
+        """The program's messages so far."""
         return self.process.messages
 
     @property

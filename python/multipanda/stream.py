@@ -153,7 +153,7 @@ class Stream:
     def _why(self, verdict: str) -> str:
         law, client = self.controllet, self.controllet.client
         if verdict == "not_active":
-            with contextlib.suppress(Error):  # the loop stands still, or has ended
+            with contextlib.suppress(Error):  # the loop has stalled or ended
                 return client.loss(law.name, law.arms, client.state()) or verdict
         return verdict
 
@@ -176,7 +176,7 @@ class Stream:
         return [float(t) for t in times]
 
     def counts(self) -> dict[str, Any]:
-        """What the run has received, lost and refused: the channel's entry in the answer to `channels`.
+        """The run's counts of received, lost and refused samples: the channel's entry in the answer to `channels`.
 
         Raises:
             Disconnected: The stream is closed, or the run has ended.

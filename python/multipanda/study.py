@@ -28,7 +28,7 @@ _ATTEMPTS = 3  # attempts for a run whose worker is lost
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What a study has found.
+    """The results of a study.
 
     Attributes:
         folder: Where everything is.
@@ -66,7 +66,7 @@ def _seconds(value: float) -> str:
 
 
 class _Study:
-    """The bookkeeping of one study while it runs."""
+    """The progress of one study while it runs."""
 
     def __init__(self, plan: Plan, store: Store, engine: Engine, batch: int | None, say: Callable[[str], None]) -> None:
         self.plan, self.store, self.engine, self.batch, self.say = plan, store, engine, batch, say
@@ -89,7 +89,7 @@ class _Study:
 
     def _batch_size(self) -> int:
         if self.store.machine is None:
-            return 1  # the first run goes alone, because its result fixes the machine
+            return 1  # the first run is executed alone, because its result fixes the machine
         if self.batch:
             return self.batch
         if self.engine.share:
@@ -101,7 +101,7 @@ class _Study:
     def _give(self) -> None:
         single = self.store.machine is None
         while self.waiting and len(self.in_flight) < (1 if single else self.engine.slots):
-            # A run whose worker was lost runs alone, so that it cannot take others down with it.
+            # A run whose worker was lost runs alone, so that it cannot abort others.
             count = 1 if self.lost[self.waiting[0].key] else self._batch_size()
             batch = [self.waiting.popleft() for _ in range(min(count, len(self.waiting)))]
             self._submit(batch)
@@ -126,7 +126,7 @@ class _Study:
         self.in_flight[future] = (batch, self.engine.generation)
 
     def _lose(self, batch: list[StudyRun], generation: int, why: BaseException) -> None:
-        """After a batch whose worker is gone: what it has stored counts, the rest is given away again."""
+        """After a batch whose worker was lost: its stored results count, the rest is assigned again."""
         if is_broken(why):
             self.engine.broken(why, generation)
         for run in reversed(batch):
@@ -205,7 +205,7 @@ def study(
     page: bool = True,
     progress: Callable[[str], None] = lambda text: None,
 ) -> StudyResult:
-    """Lets a study run, or go on, and returns what it has found. Runs that are done are not made again.
+    """Runs or resumes a study and returns its results. Finished runs are not repeated.
 
     Args:
         file: The study file (docs/studies.md).
@@ -213,7 +213,7 @@ def study(
             so that a process pool that a killed worker has broken is replaced.
         out: Folder of the results; `runs/study_NAME` by default.
         workers: Runs at once; one per core by default.
-        batch: Runs that are given away together; as many as take 2 s by default.
+        batch: Runs per batch; as many as take 2 s by default.
         any_machine: Accepts results of different processors and libraries, which differ in the last bits.
         page: Whether to make the HTML page, which needs matplotlib.
         progress: Is told about once a second how far it is, with the time left.

@@ -1,4 +1,4 @@
-"""What computes a study's results: the program, and the machine. Results agree to the bit where both are the same."""
+"""The program and the machine that compute a study's results. With the same ones results agree bit for bit."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ def identity(process: int) -> tuple[Json, Json]:
 
 
 def same_machine(a: Json, b: Json) -> bool:
-    """Whether results agree to the bit: processor and libraries are the same; the kernel does not matter."""
+    """Whether results agree bit for bit: processor and libraries are the same; the kernel does not matter."""
     return {**a, "kernel": ""} == {**b, "kernel": ""}
 
 
 def difference(a: Json, b: Json) -> str:
-    """In words, where two identities differ."""
+    """The difference of two identities, as text."""
     words = []
     for name in sorted(set(a) | set(b)):
         x, y = a.get(name), b.get(name)

@@ -50,7 +50,7 @@ def file_digest(path: str | os.PathLike[str]) -> str:
 
 
 def _filled(word: str, values: dict[str, str]) -> str:
-    """The word with a value for each {NAME} that has one; {out} is for the worker."""
+    """The argument with the values of its {NAME}s; {out} is for the worker."""
     return re.sub(r"\{([a-z][a-z0-9_]*)\}", lambda found: values.get(found[1], found[0]), word)
 
 
@@ -59,10 +59,9 @@ class StudyRun:
     """One run.
 
     Attributes:
-        key: Name of its result: a hash of all that decides about it.
+        key: Name of its result: a hash of everything that determines it.
         row: Its choices by axis, and its seed.
-        inputs: What the hash is of, besides the program.
-        job: What a worker is told.
+        inputs: The hashed inputs, besides the program. job: The task for a worker.
     """
 
     key: str

@@ -1,4 +1,4 @@
-"""The results of a study: a file per run, named by the hash of what decides about the run."""
+"""The results of a study: a file per run, named by the hash of everything that determines the run."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _own_folders: set[str] = set()  # folders of the studies that this process runs
 
 
 def sealed(result: Json) -> Json:
-    """The result with the digest of its content, which tells later whether it is still the one that was written."""
+    """The result with the digest of its content, by which later changes are detected."""
     return {**result, "seal": sha256(canonical(result))}
 
 

@@ -1,4 +1,4 @@
-"""What a worker of a study does: it runs a batch in a process of the program, which lives on for the next batch.
+"""A worker of a study runs a batch in a process of the program, which stays alive for the next batch.
 
 Everything here may happen on another computer: a worker gets plain data and the name of this module's `work`.
 """
@@ -43,7 +43,7 @@ class _Program:
             start_new_session=True,  # Ctrl-C must reach the study only
         )
         assert self.process.stdout is not None
-        if not self.process.stdout.readline():  # it says its version once all libraries are mapped
+        if not self.process.stdout.readline():  # it prints its version once all libraries are mapped
             raise Error(f"the program does not start: {self.end()}", "build or install it again")
         self.identity = identity(self.process.pid)
         self.owner = os.getpid()
@@ -60,7 +60,7 @@ class _Program:
         return dict(json.loads(line)) if line.endswith("\n") else None
 
     def end(self) -> str:
-        """Why it has ended, in words."""
+        """Why it has ended, as text."""
         assert self.process.stdin is not None and self.process.stdout is not None
         with contextlib.suppress(OSError):
             self.process.stdin.close()
@@ -246,7 +246,7 @@ def experiment_figures(result: Json) -> Json:
 
 
 def refine_figures(result: Json) -> Json:
-    """What was before, after, and their ratio, of every quantity of every arm in the last round."""
+    """Values before and after, and their ratio, of every quantity of every arm in the last round."""
     figures: Json = {}
     rounds = result.get("rounds") or [{"changes": {}}]
     for arm, changes in rounds[-1]["changes"].items():

@@ -28,7 +28,7 @@ class VirtualArms:
     Attributes:
         addresses: Address by name of the arm.
         ports: Port by name of the arm.
-        result: Counts of what was exchanged; filled by close().
+        result: Counts of exchanged packets; filled by close().
         process: The program.
     """
 

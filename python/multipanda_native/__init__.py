@@ -1,4 +1,4 @@
-"""Simulated worlds with their control loop in your process, stepped by your program: the program's own run, to the bit.
+"""Simulated worlds with their control loop in your process, stepped by your program: bit for bit the program's own run.
 
     import multipanda_native as native
 
@@ -7,8 +7,8 @@
     world.step(1000)
     print(world.arms["arm"].q_rad, world.arms["arm"].F_K_W_true)
 
-A `World` is one of them and says by exceptions what it refuses; a `Batch` steps many on threads. Both show their state
-as read-only numpy views, which `step` and `reset` renew. Quantities, frames and signs: CONVENTIONS.md.
+A `World` is one of them and raises what it refuses; a `Batch` steps many on threads. Both show their state as read-only
+numpy views, which `step` and `reset` update. Quantities, frames and signs: CONVENTIONS.md.
 """
 
 from ._views import Arm

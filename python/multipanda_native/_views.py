@@ -17,7 +17,7 @@ POSE = 7
 
 @dataclass(frozen=True)
 class Arm:
-    """What there is to know of an arm: read-only views, of shape (n,) for a World and (worlds, n) for a Batch.
+    """The state of an arm: read-only views, of shape (n,) for a World and (worlds, n) for a Batch.
 
     arm["joint_collision"] is any quantity that shared records have of an arm, by its name there.
 

@@ -19,9 +19,10 @@ Mask = NDArray[np.bool_]
 class Batch:
     """Worlds of one scene, stepped together on threads while Python's lock is released.
 
-    World k with a seed is, to the bit, the `World` of that seed, with any number of threads. Every method takes the
-    `mask` of the worlds that it acts on, None for all; the others stand still. What a world refuses raises nothing:
-    `refusal(k)` tells it, and `stopped()` includes that world. Unknown names and wrong sizes raise ValueError.
+    World k with a seed equals, bit for bit, the `World` of that seed, with any number of threads. Every method takes
+    the `mask` of the worlds that it acts on, None for all; the others do not change. A refusal of a world raises
+    nothing: `refusal(k)` returns it, and `stopped()` includes that world. Unknown names and wrong sizes raise
+    ValueError.
 
     Attributes:
         arms: The arms by name: arrays with a row per world, which change with every step.
@@ -181,7 +182,7 @@ class Batch:
         rows = self._rows(poses)
         self._command("place_object", mask, {"position_m": rows[:, :3], "quaternion_wxyz": rows[:, 3:]}, object=name)
 
-    # --- what there is to see ---
+    # --- results ---
 
     def stopped(self) -> Mask:
         """The worlds in which an arm is held, or something was refused since the beginning."""
@@ -190,7 +191,7 @@ class Batch:
         return np.logical_or(held, refused)
 
     def refusal(self, world: int) -> str:
-        """What was refused in a world since its beginning, first refusal first; empty if nothing."""
+        """The refusals in a world since its beginning, the first one first; empty if none."""
         return str(self._batch.refusal(world))
 
     def held(self, world: int) -> str:
@@ -206,5 +207,5 @@ class Batch:
         return bytes(self._batch.save(world))
 
     def restore(self, world: int, saved: bytes) -> None:
-        """Computes a saved world again in the place of another; see `World.restore`."""
+        """Computes a saved world again in place of another; see `World.restore`."""
         self._batch.restore(world, saved)

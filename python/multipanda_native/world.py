@@ -20,9 +20,9 @@ _ALONE = np.ones(1, dtype=np.uint8)
 class World:
     """A simulated world of a scene with its control loop. It is at rest until `step`.
 
-    Unless its beginning says otherwise, it does what `multipanda run` does: the same controllets, the same timeline,
-    and with the same seed the same noise. Use it from one thread at a time. Commands raise ValueError for unknown names
-    and wrong sizes, and Refused for what is known to be refused; the rest is decided in the next cycle: see `step`.
+    By default it does the same as `multipanda run`: the same controllets, the same timeline, and with the same seed the
+    same noise. Use it from one thread at a time. Commands raise ValueError for unknown names and wrong sizes, and
+    Refused for what can be refused at once; the rest is decided in the next cycle: see `step`.
 
     Attributes:
         arms: Its arms by name; their arrays change with every step.
@@ -65,7 +65,9 @@ class World:
         objects: Mapping[str, ArrayLike] | None = None,
         active: Sequence[str] | None = None,
     ) -> None:
-        """Builds the world again and runs its first cycle, so that the arms have measured. Nothing of before remains.
+        """Builds the world again and runs its first cycle, so that the arms have measured.
+
+        Nothing of its previous state remains.
 
         Args:
             seed: Of the noise; None: the scene's.
@@ -87,7 +89,7 @@ class World:
         """Runs the loop for a number of cycles of 1 ms; Python's lock is released.
 
         Raises:
-            Refused: In its first cycle the loop, an arm or a gripper refused what it was told. All cycles were run.
+            Refused: In its first cycle the loop, an arm or a gripper refused a command. All cycles were run.
         """
         before = self._batch.refusal(0)
         self._batch.step(_ALONE, cycles)
@@ -210,7 +212,7 @@ class World:
         self._tell("recover", arm=arm)
 
     def gripper_move(self, arm: str, width_m: float, speed_m_per_s: float = 0.1) -> None:
-        """Moves the fingers to a width [m]. `gripper_answer` tells how it went."""
+        """Moves the fingers to a width [m]. `gripper_answer` returns the result."""
         numbers = {"width_m": width_m, "speed_m_per_s": speed_m_per_s}
         self._tell("gripper", numbers, arm=arm, action="move")
 
@@ -238,16 +240,16 @@ class World:
     # --- save and restore ---
 
     def save(self) -> bytes:
-        """The world as it is now: how it began and all that it was told since, a few kilobytes.
+        """The world as it is now: its beginning and all commands since, a few kilobytes.
 
         Any World or Batch of the same scene can restore it, in another process, too.
         """
         return bytes(self._batch.save(0))
 
     def restore(self, saved: bytes) -> None:
-        """Computes a saved world again, to the bit: this takes as long as its cycles did.
+        """Computes a saved world again, bit for bit; this takes as long as its cycles did.
 
         Raises:
-            ValueError: Other bytes, another scene, or a computer or program that computes other bits.
+            ValueError: Invalid bytes, another scene, or a computer or program with different results.
         """
         self._batch.restore(0, saved)

@@ -75,7 +75,8 @@ void RequestHandler::keep_patience(const JsonFields& fields, HostTime not_before
   *pending.begin_by = asked.ns + static_cast<std::int64_t>(1e9 * patience);
   if (pending.received.ns <= *pending.begin_by) return;
   throw RequestRefused(std::string(name_of(Verdict::timeout)),
-                       fmt::format("the request is {:.1f} s old, its sender waits for {:g} s, and it is not executed: look at the arms, then send it again",
+                       fmt::format("the request is {:.1f} s old, its sender waits for {:g} s, and it is not "
+                                   "executed: look at the arms, then send it again",
                                    seconds(pending.received - asked), patience));
 }
 

@@ -191,7 +191,8 @@ void LiveServer::send_away(Client& client) {
   client.gone = true;
   answer(client,
          refusal("too_many_clients",
-                 "64 clients are connected, and this one, silent for longest, was closed for another: close unused connections, then connect again"),
+                 "64 clients are connected, and this one, silent for longest, was closed for another: close "
+                 "unused connections, then connect again"),
          nullptr);
 }
 
@@ -308,8 +309,8 @@ void LiveServer::take_line(Client& client, const Waiting& waiting) {
   const auto& [line, arrived] = waiting;
   if (const auto dropped = std::exchange(client.dropped, 0)) {
     answer(client,
-           refusal("queue_full", std::to_string(dropped) +
-                                     " requests were not executed: this client has too many unanswered requests; read the answers"),
+           refusal("queue_full", std::to_string(dropped) + " requests were not executed: this client has too "
+                                                           "many unanswered requests; read the answers"),
            nullptr);
   }
   if (line.too_long) return refuse(client, refusal("malformed", "a line has at most 65536 bytes"), id);

@@ -78,7 +78,8 @@ def alignment(arm):
         page.heading("Alignment"),
         page.columns(arm["pairs"], cells),
         "The simulation shows at t + lag what the real log shows at t. It is shifted by the lag before the errors are "
-        "computed. Two runs of one timeline are compared by their time stamps; the lag by correlation shows how far one arm trails the other.",
+        "computed. Two runs of one timeline are compared by their time stamps; the lag by correlation shows how far "
+        "one arm trails the other.",
     ]
 
 

@@ -110,8 +110,9 @@ void check_sampling(MeasuredLog& log, double refuse_above_gap_s) {
   if (log.duration() < 0.1) {
     throw LogRefused(place(log) + text("too short: %ld samples, %.3f s, expected at least 0.1 s%s",
                                        static_cast<long>(log.samples()), log.duration(),
-                                       log.samples() == 50 ? " (libfranka keeps 50 samples unless Robot's log_size is larger)"
-                                                           : ""));
+                                       log.samples() == 50
+                                           ? " (libfranka keeps 50 samples unless Robot's log_size is larger)"
+                                           : ""));
   }
   if (step > 0.0051)
     log.warnings.push_back(

@@ -244,7 +244,8 @@ class TwoArms(unittest.TestCase):
         start = self.left.state.pose
         goal = self.law.goal("pose", start.moved(z=0.1), duration_s=20)
         with self.assertRaisesRegex(
-            mp.Timeout, r"left is .* mm .* away from its goal.*longer than requested, within its limits .duration_s: 20.0 s"
+            mp.Timeout,
+            r"left is .* mm .* away from its goal.*longer than requested, within its limits .duration_s: 20.0 s",
         ):
             goal.wait(0.05)
         # Into the table, which is at z = 0.2 m.

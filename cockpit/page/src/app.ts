@@ -211,8 +211,8 @@ export class App {
     if (this.view.world) this.paintAlso(this.view.world);
   }
 
-  // The handler of a drawn frame: reads the devices, then the gate, which sends beats, then sends the
-  // motions.
+  // The handler of a drawn frame: reads the devices, then the gate, which sends beats, then sends
+  // the motions.
   private frame(now: number): void {
     const { xr } = this.view.stage.renderer;
     this.devices.gamepad.frame();

@@ -29,8 +29,8 @@ def spaces_of(task: Task, action: str, privileged: bool) -> tuple[gymnasium.spac
 class TaskVectorEnv(VectorEnv[Any, Any, Any]):
     """A task in N worlds.
 
-    World k of an environment that was reset with seed s is, to the bit, the single environment that was reset with seed
-    s + k; with a list of seeds each world has its own.
+    World k of an environment that was reset with seed s equals, bit for bit, the single environment that was reset with
+    seed s + k; with a list of seeds each world has its own.
 
     Attributes:
         task: The task.
@@ -58,7 +58,8 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
             task: The task.
             num_envs: How many worlds.
             action: Kind of actions: one of `task.actions`.
-            privileged: Whether observations end with true contact forces and the poses of objects, which no arm knows.
+            privileged: Whether observations end with true contact forces and the poses of objects, which no arm can
+                measure.
             plants: Whether each episode draws other arms: masses, friction, delay (docs/simulation.md, hidden plants).
             rate_hz: Actions per second: a divisor of 1000, from 5 to 200.
             max_episode_steps: Length of an episode; by default the task's.
@@ -132,7 +133,7 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
                 self._randoms[k], self._seeds[k] = gymnasium.utils.seeding.np_random(one)
 
     def _begin(self, mask: Mask) -> None:
-        """Draws and starts an episode in each world of the mask; the others stand still."""
+        """Draws and starts an episode in each world of the mask; the others do not change."""
         starts: dict[int, Start] = {}
         seeds = np.zeros(self.num_envs, dtype=np.uint64)
         for k in map(int, np.flatnonzero(mask)):

@@ -58,7 +58,7 @@ class Worlds:
             told[mask] = np.nan
 
     def send(self, command: Command, mask: Mask) -> None:
-        """Sends set-points and parameters; the loops take them in the next cycle. `stopped` tells what was refused."""
+        """Sends set-points and parameters; the loops take them in the next cycle. `stopped` shows refusals."""
         for (controllet, name), numbers in command.targets.items():
             self.batch.target(controllet, name, numbers, mask)
         for (controllet, name), numbers in command.parameters.items():

@@ -12,7 +12,7 @@ from ..state import GripperState
 
 _LOGGER = logging.getLogger("multipanda.lerobot")
 WIDEST_M = 0.2  # wider than any hand opens
-_ANY_WIDTH_M = 1.0  # a grasp of a policy does not know what it grasps
+_ANY_WIDTH_M = 1.0  # a policy's grasp does not know the object's width
 _JOIN_S = 2.0
 
 

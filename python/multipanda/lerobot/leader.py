@@ -18,7 +18,8 @@ from .settings import LeaderSettings, SpaceMouseSettings
 class ArmsLeader(Connected):
     """Arms in gravity compensation, whose joints or hands are the action of the arms that they lead.
 
-    connect() makes them compliant: a person guides them, or they stay in place. disconnect() holds them.
+    connect() makes them compliant, so that a person can guide them; otherwise they stay in place. disconnect() holds
+    them.
 
     Attributes:
         settings: What it was made from.
@@ -27,7 +28,7 @@ class ArmsLeader(Connected):
     _what = "the leader"
 
     def __init__(self, settings: LeaderSettings) -> None:
-        """Raises ValueError for settings that cannot be a leader."""
+        """Raises ValueError for invalid settings of a leader."""
         super().__init__()
         settings.check()
         self.settings = settings
@@ -37,7 +38,7 @@ class ArmsLeader(Connected):
 
     @property
     def action_names(self) -> list[str]:
-        """The names of an action: those of the arms that are led."""
+        """The names of an action, for the arms that follow."""
         s = self.settings
         return action_names(s.led, s.action, s.grippers, s.joints)
 
@@ -82,8 +83,8 @@ class ArmsLeader(Connected):
         """Positions of the leaders, as an action of the arms that they lead; at most 0.1 s old, all of one cycle.
 
         Raises:
-            Refused: A leader is not led any more: by a stop, an error, or another switch.
-            Timeout: The loop stands still.
+            Refused: A leader cannot be guided any more, after a stop, an error, or another switch.
+            Timeout: The loop has stalled.
             Disconnected: The run has ended, or the leader is not connected.
         """
         s = self.settings
@@ -150,7 +151,7 @@ class SpaceMouseLeader:
     """
 
     def __init__(self, settings: SpaceMouseSettings) -> None:
-        """Raises ValueError for settings that cannot lead."""
+        """Raises ValueError for invalid settings."""
         settings.check()
         self.settings = settings
         self._limits = JogLimits(settings.speed_m_per_s, settings.turn_rad_per_s, settings.force_n)
@@ -193,7 +194,7 @@ class SpaceMouseLeader:
 
         Raises:
             Refused: The run has other arms.
-            Timeout: The loop stands still.
+            Timeout: The loop has stalled.
             Disconnected: A device was unplugged, no run is there, or it is not connected.
         """
         if not self._mice:

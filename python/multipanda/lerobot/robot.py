@@ -28,9 +28,9 @@ _SILENCE = "reference stale"
 class ArmsRobot(Connected):
     """One, two or more arms. LeRobot's robot of the package lerobot_robot_multipanda is made of it.
 
-    connect() moves nothing. The first action activates the arms' controllets and opens their streams, after it was
-    found near the arms; the engine limits and smooths what follows. An action that is refused holds all arms of the
-    robot, and so do disconnect(), silence, and the end of this process.
+    connect() moves nothing. The first action activates the arms' controllets and opens their streams, if it is near the
+    arms; the loop limits and smooths later ones. A refused action holds all arms of the robot, and so do disconnect(),
+    silence, and the end of this process.
 
     Attributes:
         settings: What it was made from.
@@ -38,7 +38,7 @@ class ArmsRobot(Connected):
     """
 
     def __init__(self, settings: RobotSettings) -> None:
-        """Raises ValueError for settings that cannot be a robot."""
+        """Raises ValueError for invalid settings of a robot."""
         super().__init__()
         settings.check()
         self.settings = settings
@@ -90,10 +90,10 @@ class ArmsRobot(Connected):
         self._fingers = {arm: Fingers(client.arms[arm].gripper, *hand) for arm in s.grippers}
 
     def observe(self) -> dict[str, float]:
-        """What the arms measure, at most 0.1 s old: all of one cycle.
+        """Measurements of the arms, at most 0.1 s old, all of one cycle.
 
         Raises:
-            Timeout: The loop stands still.
+            Timeout: The loop has stalled.
             Disconnected: The run has ended, or the robot is not connected.
         """
         state = self.client.state()
@@ -120,8 +120,8 @@ class ArmsRobot(Connected):
 
         Raises:
             ValueError: Names are missing or unknown, or a number is not finite.
-            Refused: A target is too far away; an arm is stopped, in error, or owned by somebody else.
-            Timeout: The loop stands still.
+            Refused: A target is too far away; an arm is stopped, in error, or owned by another controllet.
+            Timeout: The loop has stalled.
             Disconnected: The run has ended, or the robot is not connected.
         """
         client = self.client

@@ -30,8 +30,10 @@ def open_run(settings: RunSettings) -> Client:
 
 
 def close_run(client: Client) -> None:
-    """Ends a run that open_run() has started, in hold; leaves another. What goes wrong is logged, never raised: it
-    would hide why the connection is given up."""
+    """Ends a run that open_run() has started, in hold; leaves any other run.
+
+    Errors are logged, never raised: they would hide why the connection ends.
+    """
     try:
         client.close()
     except (Error, OSError) as wrong:
@@ -72,7 +74,7 @@ class Connected:
 
 
 def started_here(client: Client) -> bool:
-    """Whether nobody else is expected to command its arms."""
+    """Whether no other client is expected to command its arms."""
     return isinstance(client, Run)
 
 
@@ -98,7 +100,7 @@ def with_grippers(client: Client, names: list[str]) -> None:
 
 
 def entries(client: Client) -> Mapping[str, dict[str, Any]]:
-    """What the run says about its controllets, by name."""
+    """The run's description of its controllets, by name."""
     return {entry["name"]: entry for entry in client.listing()["controllets"]}
 
 

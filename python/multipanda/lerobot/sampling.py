@@ -29,7 +29,7 @@ class LeftOut(Exception):
 
 @dataclass(frozen=True)
 class Choice:
-    """What a data set is made of.
+    """The selection for a data set.
 
     Attributes:
         arms: Names of the arms, in the order of the features.
@@ -61,7 +61,7 @@ class Series:
 
 
 class RecordedRun:
-    """One log: its arrays by name, and what the program says about its scene."""
+    """One log: its arrays by name, and the program's description of its scene."""
 
     def __init__(self, log: Mapping[str, Values], about: dict[str, Any]) -> None:
         """
@@ -119,10 +119,10 @@ class RecordedRun:
         return np.concatenate(parts, axis=1)
 
     def gripper(self, arm: str) -> tuple[Series, Series]:
-        """Width of the fingers [m], and where they go: what a request of a policy would have been.
+        """Width of the fingers [m], and its target: the equivalent request of a policy.
 
-        Requests to grippers are not in the log. While the fingers move, they go to where this motion ends; a motion
-        that ends with a grasp is one to 0.
+        Requests to grippers are not in the log. While the fingers move, the target is the end of this motion; a motion
+        that ends with a grasp has the target 0.
         """
         cycles = self._topic(arm, "state", "gripper")
         if not bool(np.all(self.log[f"{arm}/state/has_gripper"])):
@@ -139,7 +139,7 @@ class RecordedRun:
         )
 
     def set_points(self, arm: str, action: str) -> Series:
-        """What the controllets of this arm alone followed, cycle by cycle, one after the other."""
+        """The set-points that controllets of this arm alone followed, cycle by cycle."""
         cycles, rows = [], []
         for instance in self.instances:
             if instance["arms"] != [arm]:
@@ -195,7 +195,7 @@ class Sampler:
         return name in self.run.log and bool(np.all(self.run.log[name]))
 
     def frames(self, episode: LoggedEpisode) -> Frames:
-        """Without frames before the first and behind the last one that has every number: arms are held there.
+        """Drops frames before the first and after the last complete one: arms are held there.
 
         Raises LeftOut if a frame between these has no numbers.
         """

@@ -1,6 +1,7 @@
-"""What a robot and its leaders are configured by. LeRobot reads these fields from its command line and from files.
+"""Configuration of a robot and its leaders.
 
-No postponed annotations here: LeRobot's parser needs the types themselves.
+LeRobot reads these fields from its command line and from files. No postponed annotations here: LeRobot's parser needs
+the types themselves.
 """
 
 import math
@@ -86,7 +87,7 @@ class RobotSettings(RunSettings):
     gripper_step_m: float = 0.004
 
     def check(self) -> None:
-        """Raises ValueError for what cannot be a robot."""
+        """Raises ValueError for invalid settings of a robot."""
         super().check()
         _distinct("arms", self.arms)
         if not 1 <= self.joints <= 16:
@@ -104,7 +105,7 @@ class RobotSettings(RunSettings):
 
 @dataclass(kw_only=True)
 class LeaderSettings(RunSettings):
-    """Arms that are led by hand and lead others.
+    """Arms that a person guides and that lead others.
 
     Attributes:
         leaders: Their names in their scene.
@@ -112,7 +113,7 @@ class LeaderSettings(RunSettings):
         joints: Joints of each arm.
         action: As the robot's.
         grippers: Arms, of `arms`, whose leader has fingers that are read.
-        guides: By leader: the controllet that lets it be led, or "" to leave it as it is; default: its only
+        guides: By leader: the controllet for guiding it, or "" to leave it as it is; default: its only
             gravity_compensation.
     """
 
@@ -129,7 +130,7 @@ class LeaderSettings(RunSettings):
         return self.arms or self.leaders
 
     def check(self) -> None:
-        """Raises ValueError for what cannot be a leader."""
+        """Raises ValueError for invalid settings of a leader."""
         super().check()
         _distinct("leaders", self.leaders)
         _distinct("arms", self.led)

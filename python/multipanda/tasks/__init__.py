@@ -1,5 +1,6 @@
-"""Tasks for policies, and the mapping from actions to set-points, without Gymnasium and without the simulation: the
-same policy drives simulated, virtual and real arms by them (docs/learning.md).
+"""Tasks for policies, and the mapping from actions to set-points, without Gymnasium and without the simulation.
+
+With them the same policy drives simulated, virtual and real arms (docs/learning.md).
 """
 
 from .actions import (

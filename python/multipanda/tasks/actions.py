@@ -82,7 +82,7 @@ class PosePart:
 
     `around`: the action is added to a nominal pose, which the task gives in the base's frame. Otherwise it moves the
     last set-point; then `leash_m` and `leash_rad` keep the set-point near the measured hand, so that it cannot run
-    ahead of a hand that is blocked.
+    ahead of a blocked hand.
     """
 
     def __init__(
@@ -306,7 +306,7 @@ class ParameterPart:
 
 
 class GripperPart:
-    """Opens and closes a gripper: above 0.2 it grasps, below -0.2 it opens, between both it goes on as it was."""
+    """Opens and closes a gripper: above 0.2 it grasps, below -0.2 it opens, in between it keeps its state."""
 
     def __init__(self, arm: str, *, width_m: float, force_n: float, open_m: float = 0.078) -> None:
         """

@@ -1,4 +1,4 @@
-"""What a policy may know of arms: numbers that a real arm has, of many worlds at once."""
+"""Observable states of arms: numbers that a real arm reports, of many worlds at once."""
 
 from __future__ import annotations
 

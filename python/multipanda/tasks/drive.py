@@ -32,12 +32,12 @@ _PATIENCE_S = 5  # longest wait for fingers whose motion was stopped
 
 @dataclass(frozen=True)
 class Drive:
-    """What an episode on arms was.
+    """The record of an episode on arms.
 
     Attributes:
         t_s: Times since its beginning [s], by the count of actions.
-        observations: What the policy saw, a row per action.
-        actions: What it answered.
+        observations: The policy's observations, a row per action.
+        actions: Its answers.
         states: The states of the run at these times.
         latest_s: The largest delay of an action beyond one period after the one before [s].
     """
@@ -50,10 +50,12 @@ class Drive:
 
 
 def _arms(task: Task, state: RunState) -> dict[str, ArmStates]:
-    """What the policy sees. A missing gripper would shift all numbers behind it, a missing wrench look like no contact.
+    """The policy's observation.
+
+    A missing gripper would shift all later numbers, a missing wrench would look like no contact.
 
     Raises:
-        Refused: An arm does not tell all that the task observes.
+        Refused: An arm does not report all that the task observes.
     """
     for arm in task.arms:
         seen = state.arms[arm.name]
@@ -93,9 +95,9 @@ def _check_owned(mapping: ActionMapping, task: Task, state: RunState) -> None:
 
 
 class _Grippers:
-    """Sends what grippers are to do when it changes, on threads: their answers come when the fingers rest.
+    """Sends gripper commands when they change, on threads: their answers arrive when the fingers rest.
 
-    Leaving it waits for motions; by an exception it stops those that are under way. What is held stays held.
+    Leaving it waits for motions; by an exception it stops those that are under way. Held objects stay held.
     """
 
     def __init__(self, run: Client) -> None:
@@ -149,7 +151,7 @@ class _Grippers:
 
 
 class _Parameters:
-    """Sends parameters when they change. Leaving it gives back the values of before: a person may drive next."""
+    """Sends parameters when they change. Leaving it restores the previous values: a person may drive next."""
 
     def __init__(self, run: Client) -> None:
         self._run = run
@@ -172,7 +174,7 @@ class _Parameters:
 
 @dataclass(frozen=True)
 class _Choice:
-    """An action, and what it was chosen from."""
+    """An action, and the state that it was chosen from."""
 
     state: RunState
     arms: dict[str, ArmStates]
@@ -287,7 +289,7 @@ def drive(
             due += 1 / rate_hz
             latest = max(latest, now_s - due)
             if now_s > due:
-                due = now_s + 1 / rate_hz  # a late action is not made up for: two in one period would be twice as fast
+                due = now_s + 1 / rate_hz  # a late action is not compensated: two in one period would be twice as fast
             time.sleep(max(0.0, due - time.monotonic()))
     return Drive(
         np.arange(len(done)) / rate_hz,

@@ -1,4 +1,4 @@
-"""Policies that nobody learned: they show that each task can be solved from what a real arm knows, and are a baseline.
+"""Scripted policies: a baseline, and a proof that each task can be solved from what a real arm reports.
 
 Each takes observations, N x n, and returns actions, N x size. They keep no memory.
 """

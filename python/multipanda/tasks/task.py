@@ -41,7 +41,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Truth:
-    """What only a simulation knows.
+    """Values that only a simulation has.
 
     Attributes:
         wrenches: F_K_W_true by arm, N x 6 [N, N m]: what the arm exerts.
@@ -54,7 +54,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Judgment:
-    """What a step was worth, per world.
+    """The result of a step, per world.
 
     Attributes:
         reward: 0 to 1.
@@ -116,7 +116,7 @@ class Task(ABC):
 
     @abstractmethod
     def goal(self, numbers: Numbers, t_s: Array) -> Array:
-        """What the policy is told of the task at t_s, N x n."""
+        """Task data given to the policy at t_s, N x n."""
 
     @property
     @abstractmethod
@@ -168,7 +168,7 @@ class Task(ABC):
         return [*names, "time of the episode, 0 to 1", *self.goal_names]
 
     def observe(self, states: States, numbers: Numbers, t_s: Array) -> Array:
-        """What a policy observes, N x n: only what a real arm can tell, in the axes of each arm's base.
+        """What a policy observes, N x n: only what a real arm can report, in the axes of each arm's base.
 
         Args:
             states: The measured states.
@@ -194,7 +194,7 @@ class Task(ABC):
         return names
 
     def privileged(self, truth: Truth) -> Array:
-        """What no arm knows: true contact forces and the poses of objects, in world axes."""
+        """Values that no arm reports: true contact forces and the poses of objects, in world axes."""
         forces = [truth.wrenches[arm.name][:, :3] / 10 for arm in self.arms]
         return np.concatenate([*forces, *[truth.objects[name] for name in self.objects]], axis=1)
 

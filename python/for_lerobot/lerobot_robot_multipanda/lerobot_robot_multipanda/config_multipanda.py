@@ -1,4 +1,4 @@
-"""What LeRobot configures the robot by. Fields and units: multipanda.lerobot.RobotSettings."""
+"""LeRobot's configuration of the robot. Fields and units: multipanda.lerobot.RobotSettings."""
 
 from dataclasses import dataclass, field
 

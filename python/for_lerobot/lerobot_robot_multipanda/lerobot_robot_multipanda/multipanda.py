@@ -42,7 +42,7 @@ class Multipanda(Robot):
         return self.arms.connected
 
     def connect(self, calibrate: bool = True) -> None:
-        """Cameras first, then the arms: nothing is started that has no eyes."""
+        """Connects the cameras first: without them no arm is started."""
         if self.is_connected:
             raise DeviceAlreadyConnectedError(f"{self} is connected already")
         try:

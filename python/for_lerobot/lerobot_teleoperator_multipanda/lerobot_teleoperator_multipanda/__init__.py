@@ -1,4 +1,4 @@
-"""What leads the arms of lerobot_robot_multipanda: arms led by hand, or SpaceMice (docs/lerobot.md)."""
+"""Teleoperators for the arms of lerobot_robot_multipanda: arms guided by hand, or SpaceMice (docs/lerobot.md)."""
 
 from .config_multipanda import MultipandaLeaderConfig, MultipandaSpaceMouseConfig
 from .multipanda import MultipandaLeader, MultipandaSpaceMouse

@@ -1,4 +1,4 @@
-"""What LeRobot configures leaders by. Fields and units: LeaderSettings and SpaceMouseSettings of multipanda.lerobot."""
+"""LeRobot's configuration of leaders. Fields and units: LeaderSettings and SpaceMouseSettings of multipanda.lerobot."""
 
 from dataclasses import dataclass
 

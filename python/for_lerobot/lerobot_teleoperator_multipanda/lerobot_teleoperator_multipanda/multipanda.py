@@ -11,7 +11,7 @@ from .config_multipanda import MultipandaLeaderConfig, MultipandaSpaceMouseConfi
 
 
 class _Leader(Teleoperator):
-    """What both have in common. No feedback: the bilateral controllet `teleoperation` has that, at 1 kHz."""
+    """Shared by both. No feedback: the bilateral controllet `teleoperation` has that, at 1 kHz."""
 
     leader: ArmsLeader | SpaceMouseLeader
 
