@@ -278,7 +278,7 @@ SchedulingReading read_scheduling(const SystemFiles& files) {
 
 Finding judge_fifo(const SchedulingReading& reading, Purpose purpose) {
   Finding finding{.id = "sched_fifo", .subject = "permission to use SCHED_FIFO"};
-  finding.figures = {{"priority_wanted", static_cast<double>(reading.priority), ""},
+  finding.figures = {{"priority_required", static_cast<double>(reading.priority), ""},
                      {"priority_limit", static_cast<double>(reading.priority_limit), ""}};
   if (reading.fifo) {
     finding.judged = Judgment::ok;

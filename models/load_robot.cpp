@@ -128,7 +128,7 @@ void read_joints(const Node& node, RobotDescription& robot) {
         const std::string own = kTypes[robot.is_prismatic(i) ? 1 : 0];
         std::string type = own;
         joint(Key("type").one_of(kTypes), type);
-        if (imported && type != own) joint.at("type").refuse("the URDF says that this joint is " + own);
+        if (imported && type != own) joint.at("type").refuse("the URDF defines this joint as " + own);
         robot.prismatic[i] = type == kTypes[1];
       });
     }

@@ -192,7 +192,7 @@ TEST(PrismaticJoints, OfAModelFileSlideAlongZ) {
                                    "  joint1: {position_m: [0, 0, 0], type: revolute}\n"
                                    "  joint2: {position_m: [0, 0, 0]}\n  joint3: {position_m: [0, 0, 0]}\n"
                                    "  joint4: {position_m: [0, 0, 0]}\n  joint5: {position_m: [0, 0, 0]}\n")),
-              HasSubstr("the URDF says that this joint is prismatic"));
+              HasSubstr("the URDF defines this joint as prismatic"));
 }
 
 }  // namespace

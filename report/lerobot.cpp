@@ -97,7 +97,7 @@ LerobotResult export_lerobot(const std::vector<fs::path>& logs, const fs::path& 
   std::ifstream answered(work.path() / "result.json");
   const Json answer = Json::parse(answered, nullptr, false);
   if (!ran.good() || answer.is_discarded())
-    throw std::runtime_error("no data set was made; " + script.string() + " says:\n" + ran.output +
+    throw std::runtime_error("no data set was made; " + script.string() + " reported:\n" + ran.output +
                              ran.reason);
   if (answer.contains("error")) throw std::runtime_error(answer["error"].get<std::string>());
   for (const auto& note : answer.at("notes")) result.notes.push_back(note.get<std::string>());

@@ -278,7 +278,7 @@ def effort(run, arm):
 
 
 def wrench(run, arm, which, flag):
-    """(t, force N x 3, torque N x 3) where the flag says that it is valid (NaN elsewhere); None when it never is."""
+    """(t, force N x 3, torque N x 3) where its flag is set (NaN elsewhere); None when it never is."""
     force, valid = run.get(f"{arm}/wrench/{which}_force"), run.get(f"{arm}/wrench/{flag}")
     if force is None or valid is None or not np.any(valid):
         return None

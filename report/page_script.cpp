@@ -51,7 +51,7 @@ void PageScript::run(const std::vector<std::string>& arguments) const {
   all.insert(all.end(), arguments.begin(), arguments.end());
   const ProgramResult made = run_program(python_, all);
   if (!made.good()) {
-    throw std::runtime_error(page_ + " was not made; " + script_.string() + " says:\n" + made.output +
+    throw std::runtime_error(page_ + " was not made; " + script_.string() + " reported:\n" + made.output +
                              made.reason);
   }
 }

@@ -53,7 +53,7 @@ bool simulates(const Backend& backend) {
   return true;
 }
 
-// Whether the loop is to keep up with the wall clock, so that it stands still only with the program.
+// Whether the loop keeps up with the wall clock, so that it stalls only with the program.
 bool is_on_the_wall_clock(const SessionOptions& options) {
   return options.paced && !options.backend.lockstep;
 }
@@ -132,7 +132,7 @@ void Session::share_records() {
   }
 }
 
-// A program that moves real arms by itself is stopped like any other run. Not fatal: it has its own ways.
+// Lets a program that moves real arms by itself be stopped like any other run. Failure is not fatal.
 void Session::offer_stops() {
   static std::atomic<int> count{0};
   LiveInputContext run{.scene = scene_.name,

@@ -165,7 +165,7 @@ JointVector motor_inertia_of(const SceneArm& arm, const RobotDescription& robot)
   return joint_constant(robot.joint_count(), kAssumedMotorInertia);
 }
 
-// What the scene says of hand and tool: its tool center point, and the shapes of the tool.
+// Hand and tool according to the scene: the tool center point, and the shapes of the tool.
 Vector3 tool_end(const SceneArm& arm, const RobotDescription& robot) {
   Vector3 end = arm.hand && robot.hand ? (robot.hand->mount.pose() * robot.hand->tcp.pose()).position
                                        : Vector3(Vector3::Zero());

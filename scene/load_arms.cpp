@@ -166,7 +166,7 @@ void check_end_effector(const Archive& archive, SceneArm& arm) {
               number_text(std::ceil(10 * far) / 10) + "' in this arm");
 }
 
-// After the safety section: what it leaves of the force counts.
+// After the safety section, which may reduce the force.
 void check_axes(const Archive& archive, const RobotDescription& robot, const SceneArm& arm) {
   if (!robot.has_prismatic_joints()) return;
   ArmModelSource source = arm_model_source(robot, arm.X_WB, arm.hand);

@@ -62,8 +62,8 @@ struct SceneAdditions {
   bool empty() const { return plugins.empty() && controllets.empty(); }
 };
 
-// The scene's text with the additions at the beginning of its lists, so that a log has all that the run had.
-// Throws ConfigError: the file cannot be read as YAML, or one of the lists is none.
+// The scene's text with the additions at the beginning of its lists, so that a log contains the complete
+// scene. Throws ConfigError: the file cannot be read as YAML, or one of the lists is not a list.
 std::string with_additions(const std::string& text, const std::string& file_name,
                            const SceneAdditions& additions);
 

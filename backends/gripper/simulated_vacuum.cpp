@@ -21,7 +21,7 @@ constexpr double kPascal = 100;      // of a millibar
 SimulatedVacuum::Ticket SimulatedVacuum::start(const VacuumOn& request) {
   const Ticket ticket = results_.begin();
   pump_ = Pump::suction;
-  wanted_mbar_ = std::min(request.pressure_mbar, limits_.vacuum_mbar);
+  requested_mbar_ = std::min(request.pressure_mbar, limits_.vacuum_mbar);
   time_left_s_ = request.timeout_s;
   state_.part_detached = false;
   return ticket;
@@ -71,7 +71,8 @@ bool SimulatedVacuum::step(bool in_reach, const Wrench& F_E, double dt) {
   const bool sucks = pump_ == Pump::suction;
   const bool sealed = sucks && in_reach;
   if (sucks) {
-    approach(in_reach ? wanted_mbar_ : std::min(wanted_mbar_, kOpenMbar), in_reach ? kPumpTime : kVentTime);
+    approach(in_reach ? requested_mbar_ : std::min(requested_mbar_, kOpenMbar),
+             in_reach ? kPumpTime : kVentTime);
   } else {
     approach(0, pump_ == Pump::off && holds_ ? kLeakTime : kVentTime);
   }
@@ -88,7 +89,7 @@ bool SimulatedVacuum::step(bool in_reach, const Wrench& F_E, double dt) {
     overload_s_ = 0;
   }
   state_.part_present = holds_ && state_.vacuum_mbar > kOpenMbar;
-  state_.in_control_range = sucks && state_.vacuum_mbar >= kInRange * wanted_mbar_;
+  state_.in_control_range = sucks && state_.vacuum_mbar >= kInRange * requested_mbar_;
   state_.power_percent = sucks ? (state_.in_control_range ? 30 : 100) : 0;
 
   if (!results_.running()) return holds_;

@@ -64,7 +64,7 @@ class SimulatedVacuum {
   State state_;
   Pump pump_ = Pump::off;
   bool holds_ = false;
-  double wanted_mbar_ = 0;
+  double requested_mbar_ = 0;
   double time_left_s_ = 0;  // of the running motion
   double overload_s_ = 0;   // duration of the current overload
 };

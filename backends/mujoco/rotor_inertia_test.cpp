@@ -155,7 +155,7 @@ TEST(RotorInertia, WorkBecomesKineticEnergyOfLinksAndRotors) {
   }
 }
 
-// Hidden altogether, which is the default, rotors change nothing to the bit.
+// Completely hidden rotors, the default, change no bit.
 TEST(RotorInertia, HiddenRotorsChangeNoBit) {
   SceneArm bare = seven(1);
   RobotDescription robot = load_robot("fer");

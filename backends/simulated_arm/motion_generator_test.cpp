@@ -97,10 +97,10 @@ V single(const V& x) {
   return x.template cast<float>().template cast<double>();
 }
 
-// Next velocity towards v_wanted from the published velocity and acceleration: jerk first, then the
+// Next velocity towards v_desired from the published velocity and acceleration: jerk first, then the
 // acceleration, which decreases linearly as the velocity approaches its limits.
-double limited(double v_wanted, double v, double a, const ClientLimits& l, double upper, double lower) {
-  double next = std::clamp((v_wanted - v) / dt, a - l.jerk * dt, a + l.jerk * dt);
+double limited(double v_desired, double v, double a, const ClientLimits& l, double upper, double lower) {
+  double next = std::clamp((v_desired - v) / dt, a - l.jerk * dt, a + l.jerk * dt);
   const double slope = l.jerk / l.acceleration;
   next = std::min(next, std::min(l.acceleration, slope * (upper - v)));
   next = std::max(next, std::max(-l.acceleration, slope * (lower - v)));
@@ -108,8 +108,8 @@ double limited(double v_wanted, double v, double a, const ClientLimits& l, doubl
 }
 
 // The same for vectors by their lengths: the acceleration ends where it would leave the sphere of velocities.
-Vector3 limited(const Vector3& v_wanted, const Vector3& v, const Vector3& a, const ClientLimits& l) {
-  Vector3 jerk = ((v_wanted - v) / dt - a) / dt;
+Vector3 limited(const Vector3& v_desired, const Vector3& v, const Vector3& a, const ClientLimits& l) {
+  Vector3 jerk = ((v_desired - v) / dt - a) / dt;
   if (jerk.norm() > l.jerk) jerk *= l.jerk / jerk.norm();
   const Vector3 next = a + dt * jerk;
   const double size = next.norm();

@@ -49,7 +49,7 @@ RequestBox::RequestBox(double patience_s) : patience_s_(patience_s), helper_([th
 RequestBox::~RequestBox() {
   close();
   {
-    const std::lock_guard lock(askers_);
+    const std::lock_guard lock(callers_);
     ending_ = true;
   }
   posted_.notify_all();
@@ -57,7 +57,7 @@ RequestBox::~RequestBox() {
 }
 
 std::future<RequestAnswer> RequestBox::post(Posted posted) {
-  const std::lock_guard lock(askers_);
+  const std::lock_guard lock(callers_);
   if (closed_) return refuse_request(std::string(to_string(ArmReply::loop_ended)));
   for (std::size_t i = ends_motion(posted.request) ? 0 : kOnlyForStops; i < kSlots; ++i) {
     Slot& slot = slots_[i];
@@ -76,13 +76,13 @@ std::future<RequestAnswer> RequestBox::post(Posted posted) {
 }
 
 void RequestBox::open() {
-  const std::lock_guard lock(askers_);
+  const std::lock_guard lock(callers_);
   closed_ = false;
   gaps_.restart();
 }
 
 void RequestBox::close() {
-  const std::lock_guard lock(askers_);
+  const std::lock_guard lock(callers_);
   closed_ = true;
   while (ring_.front() != nullptr) answer(ArmReply::loop_ended);
   for (std::size_t i = 0; i < kSlots; ++i) {
@@ -122,7 +122,7 @@ void RequestBox::answer(std::size_t deferred, ArmReply reply) {
 void RequestBox::keep_promises() {
   // The loop must not signal (that could lock), so pending slots are polled often.
   constexpr auto kLook = std::chrono::microseconds(500);
-  std::unique_lock lock(askers_);
+  std::unique_lock lock(callers_);
   while (true) {
     posted_.wait(lock, [this] { return pending_ > 0 || ending_; });
     for (Slot& slot : slots_) {

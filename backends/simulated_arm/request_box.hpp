@@ -92,9 +92,9 @@ class RequestBox {
   SpscRing<std::uint8_t> ring_{kSlots};
   GapWatch gaps_;  // loop
   bool watches_gaps_ = false;
-  std::mutex askers_;
+  std::mutex callers_;
   std::condition_variable posted_;
-  std::size_t pending_ = 0;  // protected by askers_, like the next two
+  std::size_t pending_ = 0;  // protected by callers_, like the next two
   bool closed_ = false, ending_ = false;
   std::thread helper_;
 };

@@ -123,7 +123,7 @@ SimulatedArm::SimulatedArm(SimulatedArmConfig config, const JointVector& q_start
   delay_line_.assign(static_cast<std::size_t>(std::ceil(periods - kRounding)), {.valid = false, .tau = zero});
   in_use_.tau = zero;
   q_motor_ = zero;
-  last_command_ = tau_wanted_ = tau_follow_ = tau_tracked_ = tau_motor_ = q_hold_ = tau_hold_ = zero;
+  last_command_ = tau_desired_ = tau_follow_ = tau_tracked_ = tau_motor_ = q_hold_ = tau_hold_ = zero;
   state_.q = state_.dq = state_.tau_J = state_.tau_J_d = zero;
   interface_.joint_contact = interface_.joint_collision = interface_.dtau_J = interface_.tau_ext_hat = zero;
   reset(q_start);

@@ -216,7 +216,7 @@ class SimulatedArm {
   double delay_fraction_ = 0, own_share_ = 0;
   std::size_t delay_next_ = 0;
   Command in_use_;
-  JointVector last_command_, tau_wanted_, tau_follow_, tau_tracked_, tau_motor_;
+  JointVector last_command_, tau_desired_, tau_follow_, tau_tracked_, tau_motor_;
   JointVector tau_shown_;  // at the torque sensors, before noise
   JointVector q_motor_;    // at the position sensors, before noise
 

@@ -49,7 +49,7 @@ void SimulatedArm::sense(const PlantMeasurement& plant) {
   noisy(tau_shown_, config_.plant.noise_tau_nm, state_.tau_J);
   if (sensors_) sensors_->show(state_, config_.period_s);
   interface_.dtau_J += state_.tau_J / config_.period_s;
-  state_.tau_J_d = tau_wanted_;
+  state_.tau_J_d = tau_desired_;
   state_.has_contact_truth = plant.has_contact_truth;
   state_.F_K_W_true = plant.F_K_W_true;
   ++state_.sequence;

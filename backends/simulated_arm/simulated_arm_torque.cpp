@@ -114,19 +114,19 @@ const JointVector& SimulatedArm::motor_torque(const JointVector& q, const JointV
   update_model(q, dq);
   if (!moving_) braking_s_ += dt;
   if (mode() == ArmMode::guiding) {
-    tau_wanted_ = guided_torque(q, dq);
+    tau_desired_ = guided_torque(q, dq);
   } else if (moving_ && motion_.controller != ArmController::external) {
-    tau_wanted_ = follow_torque();
+    tau_desired_ = follow_torque();
   } else {
-    tau_wanted_ = moving_ && in_use_.valid ? in_use_.tau : hold_torque(q, dq);
-    if (moving_ && in_use_.valid && own_share_ > 0) tau_wanted_ += own_share_ * hold_torque(q, dq);
+    tau_desired_ = moving_ && in_use_.valid ? in_use_.tau : hold_torque(q, dq);
+    if (moving_ && in_use_.valid && own_share_ > 0) tau_desired_ += own_share_ * hold_torque(q, dq);
   }
   if (config_.plant.torque_bandwidth_hz > 0) {
     // Exact for a constant command during dt.
     const double rate = 2 * std::numbers::pi * config_.plant.torque_bandwidth_hz;
-    tau_tracked_ += -std::expm1(-rate * dt) * (tau_wanted_ - tau_tracked_);
+    tau_tracked_ += -std::expm1(-rate * dt) * (tau_desired_ - tau_tracked_);
   } else {
-    tau_tracked_ = tau_wanted_;
+    tau_tracked_ = tau_desired_;
   }
   tau_motor_ = tau_tracked_ + model_.g();
   add_ripple(q);

@@ -15,7 +15,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kStill = 0.25;  // the loop stands still [s]
+constexpr double kStill = 0.25;  // the loop has stalled [s]
 constexpr std::chrono::milliseconds kStatusPeriod{100};
 
 const std::vector<std::string> kCommands = {"list",      "state", "switch", "feature", "parameter",

@@ -530,11 +530,11 @@ void Instance::keep_still(const Tick& tick) {
     known = false;
   }
   show(measured);
-  const JointVector bears = law.terms->c() - *law.tau;
+  const JointVector carried = law.terms->c() - *law.tau;
   *law.tau = held;
   still_tau_ *= still_share_;
   if (known) still_tau_ += *feature.tau;
-  still_tau_ = still_tau_.cwiseMax(bears.cwiseMin(0)).cwiseMin(bears.cwiseMax(0)).eval();
+  still_tau_ = still_tau_.cwiseMax(carried.cwiseMin(0)).cwiseMin(carried.cwiseMax(0)).eval();
   if (!still_tau_.allFinite()) still_tau_.setZero();
   still_share_ = 1;
 }

@@ -17,7 +17,7 @@ HostTime end_of(HostTime from, double patience_s) {
 }  // namespace
 
 std::uint64_t Mailbox::post(std::span<const Request> requests, double patience_s, HostTime asked) {
-  const std::lock_guard lock(askers_);
+  const std::lock_guard lock(callers_);
   if (requests.empty() || requests.size() > kMaxBatch) return 0;
   if (ring_.size() + requests.size() > ring_.capacity()) return 0;
   const HostTime now = host_now();

@@ -73,8 +73,8 @@ class Mailbox {
     std::array<std::atomic<std::uint64_t>, kWords> words{};
   };
 
-  std::mutex askers_;
-  std::uint64_t next_ticket_ = 1;  // protected by askers_
+  std::mutex callers_;
+  std::uint64_t next_ticket_ = 1;  // protected by callers_
   SpscRing<Posted> ring_{kQueue};
   std::size_t taken_of_batch_ = 0, batch_ = 0;  // loop
   Claim claim_ = Claim::taken;                  // loop: decision on the front's batch

@@ -165,7 +165,7 @@ double Reference::points_share(const QuinticSegment::Sample& sample) const {
   return std::min(1.0, std::max(greatest_of_points_, v.norm()) / fastest);
 }
 
-double Reference::pace_wanted() const {
+double Reference::desired_pace() const {
   double desired = std::clamp((1.0 - share_along(path_velocity_)) / (1.0 - kWaitsFrom), 0.0, 1.0);
   if (!std::isfinite(greatest_hand_speed_) && !std::isfinite(greatest_of_points_)) return desired;
   for (const double ahead : {0.0, 0.5 * kLookAhead, kLookAhead}) {
@@ -180,7 +180,7 @@ double Reference::pace_wanted() const {
 }
 
 void Reference::update_pace(double dt) {
-  const double desired = pace_wanted();
+  const double desired = desired_pace();
   resisting_count_ = 0;
   if (desired >= 1 && pace_ >= 1) return;
   pace_rate_ += dt * kPaceBandwidth * (kPaceBandwidth * (desired - pace_) - 2 * pace_rate_);

@@ -159,7 +159,7 @@ class Reference {
   double hand_speed(const QuinticSegment::Values& velocity) const;
   double hand_bound() const;
   double points_share(const QuinticSegment::Sample& sample) const;
-  double pace_wanted() const;
+  double desired_pace() const;
   void update_pace(double dt);
   void apply_pace();
   void plan_pending();

@@ -45,7 +45,7 @@ class Series {
       mode_ = Mode::count;
     } else if (text.starts_with("case:")) {
       mode_ = Mode::one;
-      wanted_ = std::stoul(text.substr(5));
+      selected_ = std::stoul(text.substr(5));
     } else if (text.starts_with("figures:")) {
       mode_ = Mode::figures;
       read(text.substr(8));
@@ -56,7 +56,7 @@ class Series {
   ~Series() {
     if (mode_ == Mode::count) testing::Test::RecordProperty("cases", std::to_string(cases_));
     if (mode_ == Mode::one && taken_ == 0)
-      ADD_FAILURE() << "there is no case " << wanted_ << "; the series has " << cases_;
+      ADD_FAILURE() << "there is no case " << selected_ << "; the series has " << cases_;
   }
   Series(const Series&) = delete;
   Series& operator=(const Series&) = delete;
@@ -64,8 +64,8 @@ class Series {
   // Whether the next case runs here. `in_tenth`: whether it does by default.
   bool takes(bool in_tenth) {
     const std::size_t number = cases_++;
-    const bool taken =
-        mode_ == Mode::all || (mode_ == Mode::tenth && in_tenth) || (mode_ == Mode::one && number == wanted_);
+    const bool taken = mode_ == Mode::all || (mode_ == Mode::tenth && in_tenth) ||
+                       (mode_ == Mode::one && number == selected_);
     taken_ += taken;
     return taken;
   }
@@ -74,7 +74,7 @@ class Series {
     recorded_[figure].push_back(value);
     if (mode_ != Mode::one) return;
     std::ostringstream text;
-    text.precision(17);  // to the bit
+    text.precision(17);  // exact
     text << value;
     testing::Test::RecordProperty(figure, text.str());
   }
@@ -125,7 +125,7 @@ class Series {
   }
 
   Mode mode_ = Mode::tenth;
-  std::size_t wanted_ = 0, cases_ = 0, taken_ = 0;
+  std::size_t selected_ = 0, cases_ = 0, taken_ = 0;
   std::map<std::string, std::vector<double>> recorded_;
 };
 

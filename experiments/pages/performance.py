@@ -440,9 +440,9 @@ def _switch_text(s):
         "that same cycle. "
     )
     if not s["bystander_cycles"]:
-        return f"{taken}Arms cannot repeat a run to the bit, so the third arm of the scene was not compared."
+        return f"{taken}Arms cannot repeat a run bit for bit, so the third arm of the scene was not compared."
     different, of = s["bystander_different"], f"{s['bystander_cycles']} cycles"
-    same = f"different in {different} of {of} from" if different else f"identical to the bit in all {of} to"
+    same = f"different in {different} of {of} from" if different else f"identical bit for bit in all {of} to"
     return (
         f"{taken}The third arm of the scene ({s['bystander']}), which no request concerns, is {same} a run in which "
         "nothing was switched: positions, measured torques, torques sent and in use."

@@ -151,7 +151,7 @@ class Page(Made):
         self.assertEqual(results["switching"]["controllet"]["in_the_next_cycle"], 3)
         self.assertAlmostEqual(results["switching"]["controllet"]["received_to_first_torque_ms"]["mean"], 0.42)
         self.assertIn("the paper: &lt;25", html)
-        self.assertIn("identical to the bit in all 500 cycles", html)
+        self.assertIn("identical bit for bit in all 500 cycles", html)
         said = " ".join(results["disturbances"])
         for part in (
             "4 of 6004 cycles were lost",

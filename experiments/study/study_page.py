@@ -143,7 +143,7 @@ def make(folder):
         ("Figures", list(pictures(groups, figures, folder))),
         ("Numbers", figure_table(groups, figures)),
     ]
-    lead = "Every combination of choices with every seed; each run computed on its own, to the bit."
+    lead = "Every combination of choices with every seed; each run computed on its own, bit for bit."
     page.write(folder / "report.html", page.page(study["title"], lead, sections))
 
 

@@ -223,7 +223,7 @@ void ArmPort::stepped(std::int64_t period) {
   published_at_ = host_now();
   if (!config_.lockstep) published_ns_ = stamp_clock_ns();
   notice_end();
-  wants_state_ = parted_early_ = false;
+  state_due_ = parted_early_ = false;
   if (frozen_ > 0) {
     if (--frozen_ > 0) return;
     if (client_) client_->stream.watch(true);
@@ -313,9 +313,9 @@ ArmPort::Awaits ArmPort::awaits() const {
 
 bool ArmPort::may_begin() const { return client_ && client_->dialect != nullptr && !motion_.runs; }
 
-void ArmPort::want_state() {
-  if (!wants_state_) wanted_at_ = host_now();
-  wants_state_ = true;
+void ArmPort::mark_state_due() {
+  if (!state_due_) state_due_since_ = host_now();
+  state_due_ = true;
 }
 
 std::optional<HostTime> ArmPort::next_due() const {
@@ -332,7 +332,7 @@ void ArmPort::notice_end() {
   if (!motion_.runs) return;
   motion_.runs = false;
   motion_.end = status_of(arm_.motion_end());
-  want_state();
+  mark_state_due();
 }
 
 void ArmPort::answer_waiting() {
@@ -380,7 +380,7 @@ void ArmPort::part_early(HostTime now) {
 std::optional<HostTime> ArmPort::tend_due() const {
   if (!config_.lockstep || !client_ || parted_early_ || frozen_ > 0) return std::nullopt;
   if (motion_.runs && has_pending_ && is_finish(pending_)) return answered_at_ + kPartingPatience;
-  if (!motion_.runs && motion_.end) return wanted_at_ + kPartingPatience;
+  if (!motion_.runs && motion_.end) return state_due_since_ + kPartingPatience;
   return std::nullopt;
 }
 

@@ -131,8 +131,8 @@ class ArmPort : public Port {
   }  // time when a state first showed the running
      // motion
   // Whether and when an event occurred that the next state must show.
-  bool wants_state() const { return wants_state_; }
-  HostTime wanted_at() const { return wanted_at_; }
+  bool state_due() const { return state_due_; }
+  HostTime state_due_since() const { return state_due_since_; }
   bool is_recovering() const { return recoveries_.count > 0; }  // a program waits for its end
   // Whether a program is connected and the arm does not move.
   bool may_begin() const;
@@ -173,7 +173,7 @@ class ArmPort : public Port {
   void answer_waiting();
   void part_early(HostTime now);
   void drop_client();
-  void want_state();
+  void mark_state_due();
 
   // UDP
   void watch_datagrams();
@@ -196,8 +196,8 @@ class ArmPort : public Port {
     std::array<std::uint32_t, 8> ids{};
     std::size_t count = 0;
   } stops_, recoveries_;
-  bool wants_state_ = false;
-  HostTime wanted_at_;
+  bool state_due_ = false;
+  HostTime state_due_since_;
   bool parted_early_ = false;
 
   std::uint64_t message_id_ = 1;  // of the last state

@@ -193,7 +193,7 @@ void ArmPort::move(std::uint32_t command_id, const MoveRequest& request) {
   if (singular) motion_.end = status_of(start);
   has_pending_ = answered_ = silent_ = lagging_ = false;
   newest_command_ = latest_late_ = left_out_ = 0;
-  want_state();
+  mark_state_due();
 }
 
 // Always succeeds, even without a motion: libfranka requests it during cleanup, and some versions terminate
@@ -206,7 +206,7 @@ void ArmPort::stop_move(std::uint32_t command_id) {
     return reply(Command::stop_move, command_id, Status::success);
   }
   stops_.ids[stops_.count++] = command_id;  // sent after the reply to the Move
-  want_state();
+  mark_state_due();
 }
 
 void ArmPort::recover(std::uint32_t command_id) {
@@ -218,7 +218,7 @@ void ArmPort::recover(std::uint32_t command_id) {
   if (mode == ArmMode::idle || mode == ArmMode::recovering) {
     // The program may move as soon as it gets the answer, so the arm must be ready before.
     recoveries_.ids[recoveries_.count++] = command_id;
-    want_state();
+    mark_state_due();
     return;
   }
   reply(Command::automatic_error_recovery, command_id, Status::not_possible);  // stop button, guiding

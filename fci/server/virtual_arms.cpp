@@ -173,7 +173,7 @@ std::future<RequestAnswer> VirtualArms::request(WorldRequest request) {
 bool VirtualArms::post(const Control& control) {
   if (control.arm >= arm_count()) return false;
   {
-    const std::scoped_lock lock(askers_);
+    const std::scoped_lock lock(callers_);
     if (!controls_.push(control)) return false;
     if (control.what == Control::What::faults) faults_[control.arm] = control.faults;
   }
@@ -187,7 +187,7 @@ bool VirtualArms::set_faults(ArmIndex arm, const DatagramFaults& faults) {
 }
 
 DatagramFaults VirtualArms::faults(ArmIndex arm) const {
-  const std::scoped_lock lock(askers_);
+  const std::scoped_lock lock(callers_);
   return faults_.at(arm);
 }
 

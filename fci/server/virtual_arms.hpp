@@ -219,7 +219,7 @@ class VirtualArms {
 
   RequestBox requests_;
   SpscRing<Control> controls_{64};
-  mutable std::mutex askers_;  // never taken by the loop
+  mutable std::mutex callers_;  // never taken by the loop
   std::vector<DatagramFaults> faults_;
   std::vector<SetupStep> setup_;
   std::atomic<bool> running_{false}, ending_{false}, failed_{false};

@@ -227,8 +227,8 @@ HostTime VirtualArms::step_due() const {
   bool moves = false, happened = word_happened_, others_may_join = false, recovers = false;
   HostTime happened_at = word_at_, hesitant_until{0}, silent_until{0};
   for (const auto& port : ports_) {
-    if (port->wants_state()) {
-      happened_at = happened ? std::min(happened_at, port->wanted_at()) : port->wanted_at();
+    if (port->state_due()) {
+      happened_at = happened ? std::min(happened_at, port->state_due_since()) : port->state_due_since();
       happened = true;
     }
     others_may_join = others_may_join || port->may_begin();

@@ -78,7 +78,7 @@ class AdapterPart {
   virtual void take(const CycleRecord&) {}
   virtual void take(const Event&) {}
   // Loop's thread, between two steps, for data available only from the physics world. No allocation, no lock.
-  // Called only if needs_loop() returns true, which the adapter asks once before the first step.
+  // Called only if needs_loop() returns true; the adapter calls that once before the first step.
   virtual void on_loop(const Tick&, const Backend&) {}
   virtual bool needs_loop() const { return false; }
   virtual std::vector<Diagnostic> diagnostics() const { return {}; }  // any thread

@@ -36,7 +36,7 @@ class ActionClient {
     return send_goal_.wait_until_ready(timeout_s) && cancel_goal_.wait_until_ready(timeout_s) &&
            get_result_.wait_until_ready(timeout_s);
   }
-  // The response says whether the goal was accepted.
+  // The response tells whether the goal was accepted.
   std::future<typename SendGoal::Response> send(const Uuid& id, const typename A::Goal& goal,
                                                 Feedback feedback = nullptr) {
     {

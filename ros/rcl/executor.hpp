@@ -86,8 +86,8 @@ class Executor {
   void poll_until(std::function<bool()> done);
   // Number of unfinished poll_until() functions.
   std::size_t polling() const;
-  // Executor's thread. Why nothing is begun now: the message that is served has waited for more than
-  // `patience_s`, or the program stood still (GapWatch). Empty: it may begin.
+  // Executor's thread. Why the current message must not act: it has waited for more than `patience_s`, or the
+  // program has stalled (GapWatch). Empty: it may act.
   std::string late(double patience_s) const;
   // When that message was sent, at the latest; outside of a message's callback: now.
   HostTime sent() const { return sent_.ns != 0 ? sent_ : host_now(); }

@@ -196,7 +196,7 @@ bool moves(const BackendRequest& request) {
       [](const auto& group) {
         return std::visit(
             []<typename Kind>(const Kind&) {
-              // A new kind of request moves unless it stands here.
+              // A new kind of request counts as moving unless it is listed here.
               return !kIsOneOf<Kind, SetFrames, SetJointStiffness, SetCartesianStiffness,
                                SetCollisionThresholds, SetGuidingMode, RecoverFromError, Reconnect,
                                StopMotion, SetUserStop, GripperStop, VacuumStop, PlaceObject, ResetSimulation,

@@ -21,8 +21,8 @@ BackendRequest read_backend_request(const std::string& name, const JsonFields& f
 // Whether it moves a real arm or the fingers of its gripper.
 bool moves(const BackendRequest& request);
 
-// What an arm of `joints` joints reports, by name, without what it does not know; those of the gripper in
-// "gripper": {"width_m": ...}. "mode" and "error_names" are words.
+// The quantities that an arm of `joints` joints reports, by name, without unknown ones; those of the gripper
+// in "gripper": {"width_m": ...}. "mode" and "error_names" are strings.
 nlohmann::json state_of(const ArmSample& sample, std::size_t joints);
 
 }  // namespace multipanda

@@ -93,7 +93,7 @@ void LiveClient::send(const json& request) {
   const double deadline = now_s() + 10;
   line_.send(to_line(request));
   for (line_.flush(); line_.unsent() > 0; line_.flush()) {
-    while (line_.broken()) others_.push_back(receive(deadline));  // throws after the run's last words
+    while (line_.broken()) others_.push_back(receive(deadline));  // throws after the run's last lines
     if (!wait_for(line_.file(), POLLOUT, deadline))
       throw std::runtime_error("the run does not accept requests");
   }
@@ -136,7 +136,8 @@ json LiveClient::exchange(json request, double timeout_s) {
     if (line.contains("id") && line["id"] == id) {
       const HostTime received = host_now();
       const HostTime there{line.value("now_ns", std::int64_t{0})};
-      // Answered meanwhile by this clock, it is the same one; otherwise the request seems older than it is.
+      // An answer within the request's duration on this clock means the same clock; otherwise the request
+      // would seem too old.
       if (there.ns != 0) ahead_ns_ = there >= sent && there <= received ? 0 : (there - received).count();
       return line;
     }
@@ -172,7 +173,7 @@ json stop_run(const std::filesystem::path& socket, const std::vector<std::string
     } catch (const NobodyListens&) {
       throw;
     } catch (const std::runtime_error&) {
-      // It accepts nobody at the moment, or a full server has ended this connection for another one.
+      // It accepts no connection at the moment, or a full server has ended this one for another.
       if (now_s() >= deadline) throw;
     }
   }

@@ -44,12 +44,12 @@ class LiveClient {
   explicit LiveClient(const std::filesystem::path& socket);  // throws std::runtime_error if no run listens
 
   // Sends a request (without "id") and waits for its answer. Throws std::runtime_error if none comes; the run
-  // then does not begin it any more.
+  // then no longer begins it.
   nlohmann::json ask(nlohmann::json request, double timeout_s = 10);
   // Sends without waiting, for requests that are answered only if refused.
   void tell(const nlohmann::json& request);
-  // The next line that is not an answer: streamed state, news of a channel. Throws
-  // std::runtime_error on timeout.
+  // The next line that is not an answer: streamed state, reports on a channel. Throws std::runtime_error
+  // on timeout.
   nlohmann::json next(double timeout_s);
 
   // `frame`: "world" or "<arm>_base"; empty: the input's own. Throws std::invalid_argument with the refusal.
@@ -69,7 +69,7 @@ class LiveClient {
 };
 
 // Stops arms of a run over a connection of its own; no names: all. Returns the answer. Throws
-// std::runtime_error if none comes: a run that stands still stops when it goes on.
+// std::runtime_error if none comes: a stalled run stops when it continues.
 nlohmann::json stop_run(const std::filesystem::path& socket, const std::vector<std::string>& arms,
                         double timeout_s = 5);
 

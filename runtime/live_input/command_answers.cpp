@@ -48,7 +48,7 @@ json RequestHandler::answer_of(const Answer& answer, const Request& request) con
   return out;
 }
 
-// What the arm carries, as figures and in words; none if nobody knows what it may carry.
+// The load that the arm carries, as figures and as a sentence; none if its limit is unknown.
 json RequestHandler::load_done(ArmIndex arm, double payload) const {
   if (arm >= run_.flanges.size()) return json::object();
   const FlangeLoad& flange = run_.flanges[arm];
@@ -92,7 +92,7 @@ json RequestHandler::list() const {
                     {"home_rad", std::vector<double>(model.q_home().begin(), model.q_home().end())},
                     {"base_position_m", {p.x(), p.y(), p.z()}},
                     {"base_quaternion_wxyz", {q.w(), q.x(), q.y(), q.z()}}});
-    // Not even under these names: a client that takes a base for fixed would send poses to the wrong place.
+    // Omitted for carried arms: a client that takes a base for fixed would send poses to the wrong place.
     if (const auto& mount = run_.mounts[a]) {
       arms.back()["base_on"] = {{"arm", modes.arm_name(mount->carrier)}, {"joint", mount->joint + 1}};
       arms.back().erase("base_position_m");

@@ -46,7 +46,7 @@ class JsonFields {
   std::string what_;
 };
 
-// Whether a request asks for a stop; it may be wrong otherwise.
+// Whether a request is a stop, even with other errors in it.
 bool is_stop(const nlohmann::json& request);
 
 // Keys of a request, with those that every request may have.

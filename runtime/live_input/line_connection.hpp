@@ -23,7 +23,8 @@ class LineConnection {
   };
   std::optional<Line> next();  // the next whole line; the rest before the end of the input counts as one
   bool input_ended() const { return input_ended_; }
-  // The other end is gone, and reads no answer; one that only sends nothing more still reads. A system call.
+  // Whether the other end has closed both directions; one that has only ended its sending still reads. A
+  // system call.
   bool hung_up() const;
 
   void send(const std::string& line);  // adds the end of the line; kept until it can be sent
@@ -38,7 +39,7 @@ class LineConnection {
   int file_;
   std::size_t longest_;
   std::string in_, out_;
-  std::size_t begin_ = 0, scanned_ = 0, sent_ = 0;  // of in_: its first line, what was looked through
+  std::size_t begin_ = 0, scanned_ = 0, sent_ = 0;  // of in_: its first line, the searched part
   int passed_ = -1;                                 // descriptor to send; -1: none
   std::size_t passed_from_ = 0;                     // with this byte of out_
   bool skipping_ = false, input_ended_ = false, broken_ = false;

@@ -16,7 +16,7 @@ std::vector<double> read_pair(const JsonFields& fields, const std::vector<std::s
   return values;
 }
 
-// x y z, w x y z, as it was given: the quaternion need not be one.
+// x y z, w x y z, as given: the quaternion need not be normalized.
 std::vector<double> pose_values(const JsonFields& fields, const std::optional<Matrix3>& rotation) {
   const int orientations = fields.has("rpy_rad") + fields.has("quaternion_wxyz");
   if (!fields.has("position_m") || orientations > 1 || (orientations == 0 && !rotation))

@@ -16,7 +16,7 @@ std::vector<std::string> reference_keys();
 // an orientation is required.
 Pose read_pose(const JsonFields& fields, const std::optional<Matrix3>& rotation = {});
 
-// The values of a Target in the frame of the request, as they were given: the loop's side checks them.
+// The values of a Target in the frame of the request, as given: the loop's side checks them.
 std::vector<double> read_reference(const JsonFields& fields, const InputSpec& input);
 
 }  // namespace multipanda

@@ -56,10 +56,10 @@ void RequestHandler::begin_stop(const json& request, Pending& pending) {
   run_.modes->stop(pending.stopping);
 }
 
-// Until when the request may act: its asker waits no longer, or nobody knows how long it waits.
+// The latest time at which the request may begin: as long as its sender waits, or a default.
 void RequestHandler::keep_patience(const JsonFields& fields, HostTime not_before, Pending& pending) {
-  constexpr double kAskersPatience = 10, kAhead = 1, kLongest = 86400;  // [s]
-  double patience = fields.has("asked_ns") ? kAskersPatience : kPatience;
+  constexpr double kSendersPatience = 10, kAhead = 1, kLongest = 86400;  // [s]
+  double patience = fields.has("asked_ns") ? kSendersPatience : kPatience;
   HostTime& asked = pending.asked;
   if (fields.has("patience_s")) {
     patience = fields.number("patience_s");
@@ -353,7 +353,7 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
     Answer answer;
     if (run_.modes->poll(pending.ticket, answer)) return answer_of(answer, pending.request);
     if (waited <= kPatience) return {};
-    // Only what the loop can no longer take may be called refused.
+    // Report a refusal only for requests that the loop can no longer take.
     if (run_.modes->withdraw(pending.ticket))
       return refusal(Verdict::timeout, reason(*run_.modes, pending.request, Verdict::timeout));
     if (waited <= kPatience + MultimodeController::kAnswerPatience) return {};
@@ -375,7 +375,7 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
     }
     const double patience = std::max(kArmPatience, pending.patience_s);
     if (waited <= patience) return {};
-    return refusal(Verdict::pending, kRequestUnfinished);  // not "timeout": nobody can take it back
+    return refusal(Verdict::pending, kRequestUnfinished);  // not "timeout": it cannot be withdrawn
   }
   if (run_.modes->stopped().contains(pending.stopping)) {
     json stopped{{"ok", true},
@@ -407,7 +407,7 @@ StreamChannel RequestHandler::open_channel(const json& request) const {
 
 // Counts a packet. False if it is not to be used.
 bool RequestHandler::begin_packet(const StreamPacket& packet, StreamChannel& channel, double age_s) {
-  // Numbers go on at 0 after the largest one.
+  // Numbers continue at 0 after the largest one.
   const auto ahead = static_cast<std::int64_t>(packet.sequence - channel.last);
   if (channel.received > 0 && ahead <= 0) {
     ++channel.late;
@@ -420,7 +420,7 @@ bool RequestHandler::begin_packet(const StreamPacket& packet, StreamChannel& cha
   if (age_s <= run_.modes->instance(channel.instance).inputs()[channel.input].spec().timeout_s) return true;
   ++channel.expired;
   channel.verdict = Verdict::timeout;
-  discard(channel);  // what was to replace the queued samples is lost: silence, not the old ones
+  discard(channel);  // the replacement of the queued samples is lost: silence, not the old ones
   return false;
 }
 

@@ -25,7 +25,7 @@
 
 namespace multipanda {
 
-// Number of the newest episode, which all ways into a run share.
+// Number of the newest episode, shared by all interfaces of a run.
 struct EpisodeCount {
   std::mutex mutex;
   std::uint64_t episode = 0;  // 0: none
@@ -46,7 +46,7 @@ struct LiveInputContext {
   const SharedRecords* records = nullptr;               // none: not on this computer
   std::function<void(const EpisodeMark&)> mark;         // into log and events
   std::shared_ptr<EpisodeCount> episodes = std::make_shared<EpisodeCount>();
-  bool stops_only = false;  // the program commands its arms by itself: others may only look and stop
+  bool stops_only = false;  // the program commands its arms by itself: clients may only read and stop
 };
 
 // Destination and counts of one binary stream.
@@ -77,7 +77,7 @@ class RequestHandler {
   struct Pending {
     HostTime received, asked;
     std::uint64_t ticket = 0;           // of the mailbox
-    Request request;                    // what the ticket is for
+    Request request;                    // the request with this ticket
     std::future<RequestAnswer> answer;  // of the backend
     double patience_s = 0;              // for the backend's answer, if it takes longer than usual
     nlohmann::json done;                // added to the backend's answer if it succeeds
@@ -88,15 +88,15 @@ class RequestHandler {
   };
 
   // The answer, or nothing if the request is pending. Throws RequestRefused. A stop is never refused:
-  // whatever is wrong with it, it stops all arms, and its answer says why. Everything else that acts is
-  // refused, at the last moment before it does, if it waits for longer than its asker since it was asked or
-  // has `arrived`, or was asked before `not_before`: then the program stood still.
+  // whatever is wrong with it, it stops all arms, and its answer says why. Any other request that acts is
+  // refused, at the last moment before it does, if it has waited for longer than its sender does, since it
+  // was sent or has `arrived`, or if it was sent before `not_before`, the end of the program's last stall.
   std::optional<nlohmann::json> begin(const nlohmann::json& request, Pending& pending,
                                       HostTime arrived = host_now(), HostTime not_before = {});
-  // Its asker is gone: what has not begun does not begin.
+  // Its sender has disconnected: pending requests do not begin.
   void abandon(Pending& pending);
-  // What the JSON of a switch, feature, parameter, reference or resume asks of the loop; nothing: `word` is
-  // another one. A sample of a stream has this delivery. Throws RequestRefused.
+  // Converts the JSON of a switch, feature, parameter, reference or resume to a request to the loop; nothing:
+  // `word` is another one. A sample of a stream has this delivery. Throws RequestRefused.
   std::optional<Request> read(const std::string& word, const JsonFields& fields) const;
   ArmSet arms_in(const JsonFields& fields) const;  // "arms": all where absent
   ArmIndex arm(const std::string& name) const;
@@ -105,12 +105,12 @@ class RequestHandler {
 
   // --- streams ---
   StreamChannel open_channel(const nlohmann::json& request) const;  // throws RequestRefused
-  // `age_s`: since the packet was sent. Its sender may be silent by now, so what is older than the input's
-  // timeout is not taken.
+  // `age_s`: since the packet was sent. Its sender may be silent by now, so packets older than the input's
+  // timeout are not taken.
   void deliver(const StreamPacket& packet, StreamChannel& channel, double age_s = 0);
-  // All samples are taken, or none. A chunk that is refused ends the one before it.
+  // All samples are taken, or none. A refused chunk ends the previous one.
   void deliver(const ChunkPacket& packet, StreamChannel& channel, double age_s = 0);
-  // What this channel sent and is not due yet.
+  // Drops this channel's samples that are not due yet.
   void discard(StreamChannel& channel);
   nlohmann::json describe(const StreamChannel& channel) const;
 

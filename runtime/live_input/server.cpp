@@ -129,7 +129,7 @@ void LiveServer::wait() {
   std::size_t k = kFixed;
   for (Client& client : clients_) {
     const short events = files[k++].revents;
-    // Both directions are closed: nobody waits for an answer.
+    // Both directions are closed: no client waits for an answer.
     const bool closed = (events & (POLLHUP | POLLERR)) != 0;
     if ((events & POLLIN) != 0 || closed) read(client);
     client.gone = client.gone || closed;
@@ -152,7 +152,7 @@ bool LiveServer::may_take(const Client& client) const {
   return client.requests.size() < kMaxPending && client.line.unsent() < kMaxAhead;
 }
 
-// A full server makes room, so that whoever leaks connections keeps nobody from stopping.
+// A full server makes room, so that a client that leaks connections cannot prevent a stop.
 void LiveServer::accept_clients() {
   constexpr int kPerTurn = 32;
   for (int n = 0; n < kPerTurn; ++n) {
@@ -164,8 +164,8 @@ void LiveServer::accept_clients() {
   }
 }
 
-// Ends the client that was silent for longest, one that only holds a connection if there is one. It may be
-// one that has just connected and comes too late to say what it came for: for a while, a stop still counts.
+// Ends the client that was silent for longest, one that only holds a connection if there is one. It may have
+// just connected, before its first request: for a while, a stop from it still counts.
 void LiveServer::make_room(std::ptrdiff_t most_leaving) {
   constexpr std::chrono::seconds kFarewell{1};
   const auto leaving = [](const Client& client) { return !client.gone && client.leaves.ns != 0; };
@@ -206,11 +206,11 @@ void LiveServer::accept_publishers() {
   }
 }
 
-// Takes what has come: stops at once, other requests in their turn. Returns whether something came.
+// Takes the data that has arrived: stops at once, other requests in turn. Returns whether something came.
 bool LiveServer::read(Client& client) {
   const bool came = client.line.receive();
   const HostTime now = host_now();
-  // What does not say when it was asked may have waited in the socket since before a gap.
+  // A request without a time may have waited in the socket since before a gap.
   const HostTime arrived = gaps_.settles() ? HostTime{} : now;
   while (auto line = client.line.next()) {
     client.heard = now;
@@ -225,7 +225,7 @@ bool LiveServer::read(Client& client) {
   return came;
 }
 
-// Its last words count if they are a stop. Nothing else that it asked for is begun.
+// Its last line counts if it is a stop. Its other requests do not begin.
 void LiveServer::hang_up(Client& client) {
   constexpr int kMostTurns = 64;  // a socket buffer holds less
   for (int turn = 0; turn < kMostTurns && read(client); ++turn) {
@@ -234,9 +234,9 @@ void LiveServer::hang_up(Client& client) {
   for (Started& started : client.requests) handler_.abandon(started.pending);
 }
 
-// A stop is executed whatever is wrong with it, and even if the client has more requests than it may have.
-// So is a line with its word that is not valid JSON (a NaN, a wrong byte, a lost end, other quotes) or is
-// not an object.
+// A stop is executed even if it is invalid, and even if the client exceeds its number of requests. So is a
+// line that contains "stop" but is not valid JSON (a NaN, a wrong byte, a lost end, other quotes) or not
+// an object.
 bool LiveServer::take_stop(Client& client, const std::string& text) {
   const auto lower = [](std::string_view of) {
     std::string word(trimmed(of));
@@ -264,14 +264,14 @@ bool LiveServer::take_stop(Client& client, const std::string& text) {
 // In turn, as many as there is time for.
 void LiveServer::take_lines() {
   const auto until = Clock::now() + kTurn;
-  (void)gaps_.look(host_now(), 0);  // the program may have stood still since the clients were read
+  (void)gaps_.look(host_now(), 0);  // the program may have stalled since the clients were read
   if (!clients_.empty()) clients_.splice(clients_.end(), clients_, clients_.begin());
   for (bool more = true; more;) {
     more = false;
     for (Client& client : clients_) {
       if (client.waiting.empty() || !may_take(client) || !client.stays()) continue;
       if (Clock::now() >= until) return;
-      // It may have closed since it was read, or before it was accepted: nothing of it begins.
+      // It may have closed since it was read, or before it was accepted: its requests do not begin.
       if ((client.gone = client.line.hung_up())) continue;
       const Waiting next = std::move(client.waiting.front());
       client.waiting.pop_front();
@@ -469,7 +469,7 @@ void LiveServer::take_packet(const Packet& packet, std::uint32_t number, const P
   Channel& channel = found->second;
   const std::uint64_t received = channel.stream.received;
   handler_.deliver(packet, channel.stream, age_s);
-  if (channel.stream.received != received) channel.sender = &sender;  // not by one that came out of order
+  if (channel.stream.received != received) channel.sender = &sender;  // not by a packet out of order
   // Reported once per change, and not to an owner that does not read.
   if (channel.stream.verdict == channel.reported || channel.owner->line.unsent() > kMaxAhead) return;
   channel.reported = channel.stream.verdict;

@@ -22,8 +22,8 @@ namespace multipanda {
 // loop never waits for this thread.
 //
 // Each turn reads all clients, with at most 64 kB of each, and executes their stops; then packets and other
-// requests have at most 2 ms each. So a stop needs no answer to be read and no free place. It waits for the
-// turn before it, for its place behind other bytes of its own client, and for this thread to be scheduled.
+// requests have at most 2 ms each. So a stop does not depend on unread answers or full queues. It waits for
+// the previous turn, for earlier bytes of its own client, and for this thread to be scheduled.
 class LiveServer {
  public:
   static constexpr std::size_t kLongestLine = 64 * 1024;  // of a request
@@ -37,7 +37,7 @@ class LiveServer {
 
   // Starts to listen. The folder of `path` must exist. Throws SocketTaken (a live process has the path),
   // std::invalid_argument (path too long), std::runtime_error (anything else).
-  // `realtime`: the clock by which packets are too old; a test's own shows an overloaded computer.
+  // `realtime`: the clock for the age of packets; tests replace it to imitate an overloaded computer.
   LiveServer(const std::filesystem::path& path, LiveInputContext run, double (*realtime)() = realtime_s);
   ~LiveServer();  // closes all connections
   LiveServer(const LiveServer&) = delete;
@@ -68,7 +68,7 @@ class LiveServer {
     std::uint64_t refused_again = 0;  // not yet reported
     Clock::time_point refused_at;
     HostTime heard = host_now();         // when its newest line came
-    HostTime leaves;                     // it has made room: until then it may still stop; 0: it stays
+    HostTime leaves;                     // closed to make room: until then it may still stop; 0: stays
     std::list<Started> requests;         // started, not answered
     std::chrono::nanoseconds period{0};  // of its subscription to the state; 0: none
     Clock::time_point next_state;

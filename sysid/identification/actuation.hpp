@@ -13,7 +13,7 @@
 //   u_k = (1 - f) tau_cmd[k-D] + f tau_cmd[k-D-1]        delay of D + f periods: mean of the held command
 //   x_k = x_(k-1) + (1 - exp(-2 pi bandwidth dt)) (u_k - x_(k-1))                first-order tracking
 //   tau_J[k+1] = x_k + g(q_k) - scale tau_f(dq_(k+1)) - I_m ddq + offset + noise
-// g is that of the log: the arm's model, as its scene says it; tau_f from the prior's sigmoid table. I_m is
+// g is that of the log: the arm's model according to its scene; tau_f from the prior's sigmoid table. I_m is
 // the prior's motor inertia; if it has none, what motors add is estimated for each joint and kept only where
 // it predicts left-out sixths of the data better. Masses, payload and contact do not occur, because the links
 // are behind the sensor.

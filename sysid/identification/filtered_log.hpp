@@ -28,7 +28,7 @@ class LowPass {
   std::vector<Section> sections_;
 };
 
-// A log after the protocol that every figure of identification uses:
+// A log filtered by the protocol that all figures of identification use:
 //   1. every column is interpolated linearly to 1 ms on the stamps;
 //   2. q, dq and tau pass a Butterworth filter of order 4 at 10 Hz, forward and backward;
 //   3. ddq is the central difference of dq filtered at 6 Hz in the same way;
@@ -36,7 +36,7 @@ class LowPass {
 // Laws with memory run over the whole series at 1 ms.
 struct FilteredLog {
   std::string source;
-  std::optional<Eigen::Vector3d> gravity_B;  // in its base [m/s^2]; none: as the caller says
+  std::optional<Eigen::Vector3d> gravity_B;  // in its base [m/s^2]; none: given by the caller
   Eigen::VectorXd t;                         // every 1 ms [s] (N)
   Eigen::MatrixXd q, dq, ddq;                // filtered (N x n)
   Eigen::MatrixXd tau, tau_raw;              // filtered; as measured, interpolated [N m] (N x n)

@@ -10,7 +10,7 @@ namespace {
 
 bool fits(const JointVector& rmse) { return rmse.mean() <= kMisfitMean && rmse.maxCoeff() <= kMisfitJoint; }
 
-// The smallest error that a shift of the torque leaves, and that shift [s]; positive: the torque is late.
+// The smallest error with a shifted torque, and that shift [s]; positive: the torque is late.
 std::pair<JointVector, double> shifted(const Prediction& p) {
   constexpr Eigen::Index kMost = 30, kLeast = 30;  // rows
   const double step =
@@ -70,8 +70,8 @@ std::string misfit(const MeasuredLog& log, const RobotDescription& robot, const 
   Eigen::Index worst = 0;
   const double most = as_it_is.rmse.maxCoeff(&worst);
   return fmt::format(
-      "{}: {} leaves {:.2f} N m of the torques (mean of the joints; joint {}: {:.2f}), expected at most "
-      "{} and {}: {}",
+      "{}: {} leaves {:.2f} N m of the torques unexplained (mean of the joints; joint {}: {:.2f}), expected "
+      "at most {} and {}: {}",
       log.source, robot.name, as_it_is.rmse_mean, worst + 1, most, kMisfitMean, kMisfitJoint,
       !best.empty() && fits(least) ? fmt::format("{} would leave {:.2f} N m", best, least.mean())
                                    : "check robot, hand, tool, mounting, the order of the joints, and "

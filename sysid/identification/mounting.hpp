@@ -24,7 +24,7 @@ Mounting mounting_of(const MeasuredLog& log);
 // Bases that turn gravity by less than a degree against each other count as one.
 bool same_gravity(const Vector3& a, const Vector3& b);
 
-// Base in words: "gravity along (0.00, 0.00, -1.00) of its base".
+// Text for a base: "gravity along (0.00, 0.00, -1.00) of its base".
 std::string in_words(const Mounting& mounting);
 
 // Throws LogRefused if logs cannot be combined: with and without hand, with different tools, or if some give

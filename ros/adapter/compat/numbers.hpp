@@ -14,7 +14,7 @@ namespace multipanda::ros {
 // read() allocate only where a sequence of the message grows.
 class Numbers {
  public:
-  // Throws std::invalid_argument that says what was found and what was expected: a field, numbers, a size.
+  // Throws std::invalid_argument with what was found and what was expected: a field, numbers, a size.
   Numbers(const MessageType& type, const std::vector<std::string>& paths, std::size_t count);
 
   std::size_t count() const { return count_; }

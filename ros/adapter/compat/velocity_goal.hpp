@@ -19,8 +19,8 @@ class VelocityGoal {
   static constexpr double kFirst = 0.001;  // duration of the first message's motion [s]
 
   // The next set-point [rad] for dq [rad/s]; the arm was at q `age_s` before. A joint whose
-  // velocity becomes 0 stays where it is. Throws std::invalid_argument that says why it is refused; the next
-  // message then starts where the arm is.
+  // velocity becomes 0 stays where it is. Throws std::invalid_argument with the reason if it is refused; the
+  // next message then starts where the arm is.
   //
   // A set-point that ran away presses against something, possibly a person. Restarting at the arm's
   // position would press again and again, so that joint is refused until its velocity is 0 or reversed, or

@@ -7,7 +7,7 @@ import { kNoControl, type RequestSender, type Session } from "../model/session.t
 import { decode, type FieldList, type Rows } from "./binary.ts";
 import { Connection } from "./connection.ts";
 import { kWire, sceneOf, type Hello, type WireControl, type WireEvent } from "./hello.ts";
-import { OwedStop, tabStorage } from "./owed_stop.ts";
+import { PendingStop, tabStorage } from "./pending_stop.ts";
 import { StateReader, type SlowState } from "./state_reader.ts";
 
 const kRate = 60; // [Hz] of states
@@ -34,7 +34,7 @@ export class RunLine implements PageLine, RequestSender {
   private plotColumns: FieldList = [];
   private watched: string[] = [];
   private askedForControl = false;
-  private readonly owedStop: OwedStop;
+  private readonly pendingStop: PendingStop;
 
   constructor(
     private readonly session: Session,
@@ -42,7 +42,7 @@ export class RunLine implements PageLine, RequestSender {
     url: string,
     token: string,
   ) {
-    this.owedStop = new OwedStop(token, tabStorage());
+    this.pendingStop = new PendingStop(token, tabStorage());
     this.connection = new Connection(url, token, {
       opened: (answer) => this.begin(answer["hello"] as Hello),
       text: (message) => this.takeText(message),
@@ -77,7 +77,7 @@ export class RunLine implements PageLine, RequestSender {
 
   /** A stop that a broken connection may have lost is sent again if the connection returns soon, also by a reloaded page. */
   stop(): void {
-    this.sendStop(this.owedStop.press());
+    this.sendStop(this.pendingStop.press());
   }
 
   private sendStop(pressedAt: number): void {
@@ -92,13 +92,13 @@ export class RunLine implements PageLine, RequestSender {
         return this.hooks.message(
           `The stop may not have reached the run. It is sent again if the connection is back within 30 s. ${kOwnStop}`,
         );
-      this.owedStop.confirm(pressedAt);
+      this.pendingStop.confirm(pressedAt);
       if (answer["no_further_run"]) this.hooks.message("Stopped: no further run is started.");
     });
   }
 
-  private sendOwedStop(): void {
-    const due = this.owedStop.due();
+  private sendPendingStop(): void {
+    const due = this.pendingStop.due();
     if (due === undefined) return;
     if (due === "too old")
       return this.hooks.message("A stop that the run has not confirmed is not sent again: it is older than 30 s.");
@@ -135,7 +135,7 @@ export class RunLine implements PageLine, RequestSender {
       return;
     }
     this.hello = hello;
-    this.sendOwedStop();
+    this.sendPendingStop();
     if (!hello.scene) return; // between two runs
     const scene = sceneOf(hello);
     this.reader = new StateReader(hello, scene);

@@ -1,9 +1,9 @@
 // A Stop that the run has not confirmed yet: still pending, even after the page is reloaded in the same tab.
 
-const kKey = "multipanda.owed_stop";
+const kKey = "multipanda.pending_stop";
 const kOldest = 30_000; // an older one would surprise a person who has resumed meanwhile [ms]
 
-export class OwedStop {
+export class PendingStop {
   private pressedAt: number | undefined;
 
   /** `run`: the token, since a later run may have the same address. */

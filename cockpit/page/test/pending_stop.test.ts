@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 import { Session } from "../src/model/session.ts";
-import { OwedStop } from "../src/wire/owed_stop.ts";
+import { PendingStop } from "../src/wire/pending_stop.ts";
 import { RunLine } from "../src/wire/run_line.ts";
 
 // A tab without a browser: its storage outlasts the pages that are loaded in it.
@@ -12,14 +12,14 @@ const storage = {
   removeItem: (key: string) => void stored.delete(key),
 };
 let now = 0;
-const load = (run = "token") => new OwedStop(run, storage, () => now);
+const load = (run = "token") => new PendingStop(run, storage, () => now);
 
 beforeEach(() => {
   stored.clear();
   now = 1_000_000;
 });
 
-test("a stop is owed until it is confirmed, also after the page is loaded again", () => {
+test("a stop is pending until it is confirmed, also after the page is loaded again", () => {
   const pressed = load().press();
   now += 29_000;
   const page = load();
@@ -60,13 +60,13 @@ test("the answer to an earlier press does not confirm a later one", () => {
 
 test("what somebody else has stored is no stop, and a tab that stores nothing owes it as long as the page lives", () => {
   for (const text of ["", "null", "{", "[]", '["token"]', '["token","soon"]']) {
-    stored.set("multipanda.owed_stop", text);
+    stored.set("multipanda.pending_stop", text);
     assert.equal(load().due(), undefined, text);
   }
   const refuse = () => {
     throw new Error("storage is disabled");
   };
-  const page = new OwedStop("token", { getItem: refuse, setItem: refuse, removeItem: refuse }, () => now);
+  const page = new PendingStop("token", { getItem: refuse, setItem: refuse, removeItem: refuse }, () => now);
   const pressed = page.press();
   assert.equal(page.due(), pressed);
 });
