@@ -43,11 +43,12 @@ class Ufic final : public Controllet {
         .inputs = spec_table<kInputCount>(
             input_at<kPose>(
                 {.name = "pose", .quantity = Quantity::pose, .doc = "Set-point X_WE, in the world frame."}),
-            input_at<kWrench>({.name = "wrench",
-                               .quantity = Quantity::wrench,
-                               .doc = "F_d, desired wrench that the arm exerts at E, world axes; its moment "
-                                      "counts about selected axes only.",
-                               .max_speed = 60})),
+            input_at<kWrench>(
+                {.name = "wrench",
+                 .quantity = Quantity::wrench,
+                 .doc = "F_d, desired wrench that the arm exerts at E, world axes. With selected axes only "
+                        "its part along these counts, otherwise only its force.",
+                 .max_speed = 60})),
         .parameters = spec_table<kParameterCount>(
             cartesian, group_at<kForceGroup>(force_parameters()), group_at<kTanks>(tank_parameters()),
             parameter_at<kPressDirection>(press_direction_parameter()),
