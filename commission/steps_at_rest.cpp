@@ -231,7 +231,7 @@ StepResult run_identity(Context& context) {
     result.at_most(name, "share measured by another arm", others / felt[named], "", kTouchShare,
                    "push one arm only; if the arms touch each other, move them apart");
     if (result.verdict == Verdict::no_go) return result;
-    context.say(fmt::format("  arm '{}' at {}: felt ({:.1f} N m). Let go.", name,
+    context.say(fmt::format("    arm '{}' at {}: push measured ({:.1f} N m). Let go.", name,
                             context.setup.addresses[named], felt[named]));
   }
   return result;

@@ -224,7 +224,7 @@ void LogTable::thin() {
   t_.resize(kept);
   cycles_.resize(kept);
   values_.resize(kept * width_);
-  // Rows so far are multiples of the old distance; the next one is a multiple of the new one.
+  // Kept rows have twice the spacing; so do all later rows.
   every_ *= 2;
 }
 

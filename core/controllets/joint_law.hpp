@@ -6,7 +6,7 @@
 namespace multipanda {
 
 // The elbow of an arm, the origin of its middle joint: its motion and force in the null space of the hand. Or
-// another point p_W of the link behind `joint`, as the hand of an arm that stands there. World axes. Loop
+// another point p_W of the link behind `joint`, such as the hand of an arm mounted there. World axes. Loop
 // thread, no allocation.
 class Elbow {
  public:

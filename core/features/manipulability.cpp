@@ -34,8 +34,7 @@ class ManipulabilityFeature final : public Feature {
                                     .unit = "N m s/rad",
                                     .initial = {0.05},
                                     .max = 2,
-                                    .doc = "Damping d of self-motions where the arm is pushed; 0 uses the "
-                                           "potential alone."})),
+                                    .doc = "Damping d of self-motions while the potential acts; 0: none."})),
         .outputs = spec_table<kOutputCount>(
             output_at<kSmallest>("manipulability", "Smallest m of the arms."),
             output_at<kPotential>("potential_j", "Potential V, summed over the arms [J]."),

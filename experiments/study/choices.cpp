@@ -105,7 +105,7 @@ void check_words(const Study& study, const std::vector<Override>& values) {
   for (const auto& [key, value, place] : values) {
     if (key == "seed" || key == "out")
       throw ConfigError(place, "the study itself gives {" + key + "} a value; choose another name");
-    if (!names.contains(key)) throw ConfigError(place, "no word of `program` contains {" + key + "}");
+    if (!names.contains(key)) throw ConfigError(place, "no argument in `program` contains {" + key + "}");
     given.insert(key);
   }
   for (const auto& name : names) {

@@ -25,7 +25,7 @@ struct Study {
   Kind kind = Kind::scene;
   // Path of the scene or experiment; name of the experiment to refine; first of `program`.
   std::string base;
-  std::vector<std::string> program;  // words of a command, with {seed}, {out} and {KEY} of `set`
+  std::vector<std::string> program;  // arguments of a command, with {seed}, {out} and {KEY} of `set`
   std::vector<std::string> files;    // dependencies of a program: files, or folders with all of their
                                      // contents
   std::vector<Override> set;         // of the scene; of `refine`: options; of `program`: values for its words

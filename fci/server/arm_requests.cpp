@@ -146,7 +146,8 @@ bool ArmPort::connect(const Message& message) {
   const bool accepted = request.version >= own.oldest && request.version <= own.newest;
   const Dialect* spoken = accepted ? dialect(request.version) : nullptr;
   std::array<std::byte, kMaxPlainReplySize> bytes{};
-  // A real arm reports its own version. This one may have several, and reports the program's if it is one.
+  // A real arm reports its only version. A virtual one may support several, and reports the program's if it
+  // is supported.
   const std::size_t size = encode_connect_reply(
       message.command_id, spoken != nullptr ? Status::success : Status::incompatible_version,
       spoken != nullptr ? spoken->version : own.newest, bytes);

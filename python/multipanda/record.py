@@ -28,7 +28,7 @@ class Layout:
 
     def __init__(self, table: dict[str, Any]) -> None:
         self.scene: str = table["scene"]
-        self.fields: dict[str, tuple[str, slice]] = {}  # dtype and words of a row
+        self.fields: dict[str, tuple[str, slice]] = {}  # dtype and 64-bit words of a row
         for name, kind, offset, count in table["fields"]:
             self.fields[name] = ("<" + kind, slice(offset // 8, offset // 8 + count))
         self.controllets: list[str] = table["controllets"]
@@ -50,7 +50,7 @@ class Layout:
         )
 
     def place(self, name: str) -> tuple[str, slice]:
-        """dtype and words of a field."""
+        """dtype and 64-bit words of a field."""
         if name not in self.fields:
             near = difflib.get_close_matches(name, self.fields, 3)
             raise KeyError(f"there is no field '{name}'; near: {', '.join(near)}" if near else f"no field '{name}'")

@@ -52,7 +52,7 @@ class Grip:
     """Whether a device is held, by its reports and by their absence. After a hold has ended, a new press is needed."""
 
     def __init__(self, cap_holds: bool, buttons: int = 0) -> None:
-        """`buttons`: those that are down already; they hold nothing."""
+        """`buttons`: those pressed already, which are ignored until they are released."""
         self.cap_holds, self.held = cap_holds, False
         self._gripped, self._deflected, self._heard_s = bool(buttons & _HOLD_BUTTON), False, 0.0
         self._looked_s = time.monotonic()

@@ -571,10 +571,10 @@ void ArmMotion::take(const CycleRecord& record) {
   if (t < duration_of(run.motion)) {
     // Once per cycle, because the sequence numbers of a series count cycles.
     if (t_ != before && !post(run, t, Delivery::stream))
-      end(MotionResult::lost, "the input refuses the motion's samples");
+      end(MotionResult::lost, "the input refused a sample of the motion");
   } else if (!run.goal_sent) {
     run.goal_sent = true;
-    if (!post(run, t, Delivery::goal)) end(MotionResult::lost, "the input refuses the motion's end");
+    if (!post(run, t, Delivery::goal)) end(MotionResult::lost, "the input refused the goal of the motion");
   } else if (runs_.size() == 1) {
     settle(run, arm, t);
   }

@@ -157,7 +157,7 @@ def parameters(base):
     }
     hardly, loose = (sum(v["constrained"] == word for v in base["values"]) for word in ("hardly", "no"))
     return [
-        f"{base['rank']} combinations of inertial parameters act on torque. Condition number "
+        f"{base['rank']} combinations of inertial parameters affect the torque. Condition number "
         f"{figures(base['condition_raw'])}; {figures(base['condition_scaled'])} with columns scaled to unit length. "
         f"Unidentifiable: {', '.join(base['unidentifiable'])}.",
         "These values come from unconstrained linear least squares, without prior and without bounds, so that their "

@@ -43,7 +43,7 @@ class Track {
 /** The newest row not later than `t`; undefined if it is outside the slice. */
 export function rowAt({ rows, columns, numbers }: Slice, t: number): Float64Array | undefined {
   const time = (k: number) => numbers[k * columns]!;
-  const kClose = 0.05; // [s] that a time may be outside of a slice: the rows do not begin exactly there
+  const kClose = 0.05; // [s] by which a time may be outside of a slice, whose rows do not begin exactly at its start
   if (rows === 0 || t < time(0) - kClose || t > time(rows - 1) + kClose) return undefined;
   let [low, high] = [0, rows - 1];
   while (low < high) {
