@@ -131,7 +131,9 @@ export class RunLine implements PageLine, RequestSender {
 
   private begin(hello: Hello): void {
     if (hello.wire !== kWire) {
-      this.hooks.message(`The program uses version ${hello.wire} of the protocol, this page ${kWire}: reload the page.`);
+      this.hooks.message(
+        `The program uses version ${hello.wire} of the protocol, this page ${kWire}: reload the page.`,
+      );
       return;
     }
     this.hello = hello;
