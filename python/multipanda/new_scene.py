@@ -51,7 +51,7 @@ def beside(n: int) -> float:
     return round(0.6 + SPACING_M * n, 2)
 
 
-PUBLISHED = "Mount as in Franka's robot description 2.7.0 (fr3_duo_mount_v0_3)"
+PUBLISHED = "Mount as in Franka's franka_description 2.7.0"
 GRAVITY = "Real arms compensate gravity themselves: set the same mounting in their web interface."
 MOUNTS = {
     "table": Mount(
@@ -91,7 +91,7 @@ MOUNTS = {
             box("column", [0.272, 0.3, 1.11], [0.151, 0, 0.906]),
             box("table", [0.6, 1.2, 0.75], [1.15, 0, 0.375], WOOD),
         ],
-        f"{PUBLISHED},\n# like platform (tmrv0_2) and column (franka_spine_v0_1, lifted by 0.2 of 0.85 m); they do not move.",
+        f"{PUBLISHED}; so are\n# platform and column (lifted by 0.2 of 0.85 m), boxes that do not move.",
     ),
 }
 HANDS = {
