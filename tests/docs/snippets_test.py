@@ -150,6 +150,10 @@ class Sessions(unittest.TestCase):
         with self.goes_on(page, "cockpit runs", "http://127.0.0.1:8765"):
             pass
 
+    def test_live_input(self):
+        with self.goes_on("docs/live_input.md", "run two_arms", " Hz"):
+            self.do("docs/live_input.md", "ctl list", "ctl reference")
+
     @unittest.skipUnless(free(("127.0.0.1", 1337)), "another program listens at port 1337")
     def test_sim_to_real(self):
         page = "docs/tutorials/sim_to_real.md"
