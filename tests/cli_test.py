@@ -608,7 +608,7 @@ class NewScene(Calls):
             shipped = pathlib.Path(__file__).resolve().parent.parent / f"config/scenes/{name}.yaml"
             self.assertEqual(file.read_text().splitlines()[1:], shipped.read_text().splitlines()[1:])
 
-    def test_other_answers_run_and_touch_nothing(self):
+    def test_other_answers_run(self):
         for answers in self.OTHERS:
             file = self.folder / f"{answers[3]}.yaml"
             self.answer("new", "scene", *self.options(answers), "--name", "mine", "--out", file)
