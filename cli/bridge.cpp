@@ -1,4 +1,4 @@
-#include <array>
+#include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <unistd.h>
@@ -11,8 +11,8 @@
 #include "runtime/live_input/client.hpp"
 #include "runtime/live_input/socket_path.hpp"
 
-// `multipanda bridge`: the far end of a client on another computer, started there by ssh; it is
-// python/multipanda/bridge.py.
+// Commands that are programs of python/multipanda: `bridge`, the far end of a client on another computer,
+// started there by ssh, and `new`.
 namespace multipanda::cli {
 namespace {
 
@@ -31,17 +31,16 @@ fs::path socket_of(const std::string& run) {
                                        names.empty() ? "none" : fmt::format("{}", fmt::join(names, ", "))));
 }
 
-int bridge(const std::string& run) {
-  std::string python = page_python().string(), socket = socket_of(run).string();
+int run_python(const char* name, std::vector<std::string> words) {
   const fs::path share = share_folder();
-  std::string script =
-      (share / "python/multipanda/bridge.py").string();  // the source tree, or a package's folder
-  if (!fs::exists(script)) script = (share.parent_path().parent_path() / "bridge.py").string();
-  std::string isolated = "-I", no_cache = "-B";
-  std::array<char*, 6> words{python.data(), isolated.data(), no_cache.data(),
-                             script.data(), socket.data(),   nullptr};
-  execv(python.c_str(), words.data());
-  throw std::runtime_error("cannot start " + python);
+  fs::path script = share / "python/multipanda" / name;  // the source tree, or a package's folder
+  if (!fs::exists(script)) script = share.parent_path().parent_path() / name;
+  words.insert(words.begin(), {page_python().string(), "-I", "-B", script.string()});
+  std::vector<char*> argv;
+  for (auto& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  execv(argv[0], argv.data());
+  throw std::runtime_error("cannot start " + words[0]);
 }
 
 }  // namespace
@@ -52,7 +51,18 @@ void add_bridge(Program& program) {
       "bridge", "Connect a client on another computer to a run; ssh starts it there",
       "  multipanda bridge two_arms      as mp.connect(\"ssh://user@control/two_arms\") starts it there");
   command->add_option("run", *run, "Name or socket of the run (default: the only running scene)");
-  program.on(command, [run] { return bridge(*run); });
+  program.on(command, [run] { return run_python("bridge.py", {socket_of(*run).string()}); });
+}
+
+void add_new(Program& program) {
+  CLI::App* command =
+      program.add("new", "Write a scene of your own, by six questions", "  multipanda new scene");
+  command->set_help_flag();  // the program has its own options and help
+  command->prefix_command();
+  program.on(command, [command] {
+    setenv("MULTIPANDA_PROGRAM", fs::read_symlink("/proc/self/exe").c_str(), 1);
+    return run_python("new_scene.py", command->remaining());
+  });
 }
 
 }  // namespace multipanda::cli

@@ -56,6 +56,7 @@ void add_report(Program& program);
 void add_repair(Program& program);
 void add_export(Program& program);
 void add_bridge(Program& program);
+void add_new(Program& program);
 void add_docs(Program& program);
 void add_experiment(Program& program);
 void add_compare(Program& program);

@@ -11,6 +11,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "common/spelling.hpp"
 #include "python_bindings/batch.hpp"
 #include "scene/build.hpp"
 #include "scene/set_values.hpp"
@@ -152,7 +153,8 @@ class ArmTerms {
   void begin(const Scene& scene, const std::string& name) {
     const auto arm = std::ranges::find(scene.arms, name, &SceneArm::name);
     if (arm == scene.arms.end())
-      throw std::invalid_argument("scene '" + scene.name + "' has no arm '" + name + "'");
+      throw std::invalid_argument("scene '" + scene.name + "' has no arm '" + name + "'" +
+                                  name_hint(name, names_in(scene.arms), "it has none"));
     if (arm->mount)
       throw std::invalid_argument("arm '" + name + "' stands on another arm, which moves its base");
     terms_.emplace(build_controller_model(*arm));

@@ -585,6 +585,66 @@ class LiveCommands(Calls):
             self.assertIn(f"multipanda ctl {name}", footer)
 
 
+class NewScene(Calls):
+    # Shipped scenes that the command writes.
+    SHIPPED = {
+        "fr3_duo": ("2", "fr3v2", "franka", "duo", "both"),
+        "mobile_fr3_duo": ("2", "fr3v2", "franka", "mobile_duo", "both"),
+        "two_fr3": ("2", "fr3", "franka", "table", "both"),
+        "wall_fr3": ("1", "fr3", "franka", "wall", "force"),
+    }
+    # Every answer at least once.
+    OTHERS = (("3", "fer", "none", "ceiling", "poses"), ("2", "fr3", "other", "wall", "lead"))
+    KEYS = ("arms", "model", "hand", "mount", "use")
+
+    def options(self, answers):
+        return [word for key, answer in zip(self.KEYS, answers) for word in (f"--{key}", answer)]
+
+    def test_shipped_scenes_are_what_it_writes(self):
+        for name, answers in self.SHIPPED.items():
+            file = self.folder / f"{name}.yaml"
+            answer = self.answer("new", "scene", *self.options(answers), "--name", name, "--out", file)
+            self.assertTrue(answer.stdout.endswith(f"ok\nwrote {file}; next: multipanda run {file}\n"))
+            shipped = pathlib.Path(__file__).resolve().parent.parent / f"config/scenes/{name}.yaml"
+            self.assertEqual(file.read_text().splitlines()[1:], shipped.read_text().splitlines()[1:])
+
+    def test_other_answers_run(self):
+        for answers in self.OTHERS:
+            file = self.folder / f"{answers[3]}.yaml"
+            self.answer("new", "scene", *self.options(answers), "--name", "mine", "--out", file)
+            ran = self.table("run", file, "--fast")
+            self.assertEqual((ran["success"], ran["cycles"], ran["interventions"]), (True, 12000, []), answers)
+
+    def test_questions_are_asked_again_until_the_answer_is_valid(self):
+        asked = "2\nfr4\nfr3v2\n\nduo\nboth\nmy-duo\nmy_duo\n"
+        words = [PROGRAM, "new", "scene"]
+        done = subprocess.run(words, input=asked, capture_output=True, text=True, cwd=self.folder, timeout=PATIENCE)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("expected one of fer, fr3, fr3v2, found 'fr4'", done.stderr)
+        self.assertIn("found 'my-duo'", done.stderr)
+        again, options = self.folder / "again", self.options(self.SHIPPED["fr3_duo"])
+        self.answer("new", "scene", *options, "--name", "my_duo", "--out", again)
+        self.assertEqual((self.folder / "my_duo.yaml").read_text(), again.read_text())
+
+    def test_invalid_answers_write_nothing(self):
+        whole = [*self.options(self.SHIPPED["wall_fr3"]), "--name", "mine", "--out", self.folder / "mine.yaml"]
+        for words, expected in (
+            (["--arms", "9"], "1 to 8"),
+            (["--mount", "duo"], "expected one of table, wall, ceiling, found 'duo'; with 1 arms"),
+            (["--name", "9"], "found '9'"),
+            (["--out", self.folder / "none" / "a"], "No such file"),
+        ):
+            self.assertIn(expected, self.answer("new", "scene", *whole, *words, code=2).stderr)
+        with open(os.devnull) as nobody:
+            done = subprocess.run([PROGRAM, "new", "scene"], stdin=nobody, capture_output=True, text=True)
+        self.assertEqual(done.returncode, 2)
+        self.assertTrue(done.stderr.endswith("multipanda new: no answer; give --arms\n"), done.stderr)
+        self.assertEqual(list(self.folder.iterdir()), [])
+        self.answer("new", "scene", *whole)
+        self.assertIn("mine.yaml exists", self.answer("new", "scene", *whole, code=2).stderr)
+        self.answer("new", "scene", *whole, "--force")
+
+
 class Refusals(Calls):
     def test_a_folder_is_not_a_scene(self):
         self.assertIn("this is a folder", self.answer("check", self.folder, code=2).stderr)

@@ -22,6 +22,7 @@ from typing import Any, TypeVar
 from . import client as _client
 from . import started as _started
 from .arm import Arm, Gripper, Vacuum
+from .base_client import Named
 from .connection import Json, accepted
 from .controllet import Controllet, Feature
 from .episode import Episode
@@ -37,6 +38,8 @@ _WAITING = (Arm, Controllet, Episode, Events, Feature, Goal, Gripper, Records, S
 
 
 def _awaited(value: Any) -> Any:
+    if isinstance(value, Named):
+        return Named(value.kind, {name: _awaited(each) for name, each in value.items()})
     if isinstance(value, dict):
         return {name: _awaited(each) for name, each in value.items()}
     return Awaited(value) if isinstance(value, _WAITING) else value

@@ -33,16 +33,20 @@ _LOOKED_THROUGH = 256  # newest events that are searched
 
 
 class Named(dict[str, T]):
-    """Objects of a scene by name. An unknown name raises KeyError with the names that exist."""
+    """Objects of a scene by name. An unknown name raises KeyError with the names that exist.
+
+    Attributes:
+        kind: What they are, `arm` or `controllet`.
+    """
 
     def __init__(self, kind: str, found: dict[str, T]) -> None:
         super().__init__(found)
-        self._kind = kind
+        self.kind = kind
 
     def __missing__(self, name: str) -> T:
         near = difflib.get_close_matches(name, self, 1)
         meant = f"; did you mean '{near[0]}'?" if near else ""
-        raise KeyError(f"the scene has no {self._kind} '{name}'{meant}; it has: {', '.join(self) or 'none'}")
+        raise KeyError(f"the scene has no {self.kind} '{name}'{meant}; it has: {', '.join(self) or 'none'}")
 
 
 def _stands_still(since_s: float) -> Timeout:

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""The lines of README and docs as they stand on the page: Python runs, C++ compiles, scenes are accepted, and commands
-have the options that they are given.   snippets_test.py PROGRAM COMPILER"""
+"""The lines of README and docs as they stand on the page: Python runs, C++ compiles, scenes are accepted, commands have
+the options that they are given, and those of the first pages run.   snippets_test.py PROGRAM COMPILER"""
 
 import concurrent.futures
 import contextlib
@@ -9,7 +9,9 @@ import itertools
 import os
 import pathlib
 import re
+import shlex
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -18,7 +20,7 @@ import unittest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "python"))
 import harness  # first: it sets the paths
 import yaml
-from harness import FOLDER, PATIENCE, ROOT
+from harness import FOLDER, PATIENCE, ROOT, sockets, until
 
 PAGES = {
     str(path.relative_to(ROOT)): path.read_text(encoding="utf-8")
@@ -63,6 +65,105 @@ def commands():
         for line in code:
             if found := re.match(r"\s*(?:\./|my_env/bin/)?multipanda ([a-z].*)", line):
                 yield page, re.split(r"\s+#|\s{3,}| &$", found[1].strip())[0]
+
+
+def free(*addresses):
+    """Whether no other program listens there."""
+    with contextlib.suppress(OSError):
+        for address in addresses:
+            with socket.socket() as probe:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                probe.bind(address)
+        return True
+    return False
+
+
+class Sessions(unittest.TestCase):
+    """A reader types the commands of a page one after the other, in a folder that has the tree's scenes."""
+
+    def setUp(self):
+        self.folder = FOLDER / self.id().rpartition("_")[2]
+        self.folder.mkdir()
+        for name in ("examples", "experiments"):
+            (self.folder / name).symlink_to(ROOT / name)
+
+    def typed(self, page, begins):
+        """The page's command that begins so."""
+        (line,) = {line for where, line in commands() if where == page and line.startswith(begins)}
+        return [os.environ["MULTIPANDA_PROGRAM"], *shlex.split(line)]
+
+    def do(self, page, *beginnings):
+        """Executes commands; what the last one says."""
+        for begins in beginnings:
+            words = self.typed(page, begins)
+            done = subprocess.run(
+                words,
+                input="\n" * 6,  # where it asks, the defaults
+                cwd=self.folder,
+                capture_output=True,
+                text=True,
+                timeout=3 * PATIENCE,
+                check=False,
+            )
+            self.assertEqual(done.returncode, 0, f"{page}: {words}\n{done.stdout}{done.stderr}")
+        return done.stdout
+
+    @contextlib.contextmanager
+    def goes_on(self, page, begins, sign):
+        """A command that goes on until Ctrl-C, from the time when it has said this."""
+        file = self.folder / f"{begins.split()[0]}.txt"
+        with file.open("w") as output:
+            words = self.typed(page, begins)
+            process = subprocess.Popen(words, cwd=self.folder, stdout=output, stderr=subprocess.STDOUT)
+        try:
+            until(lambda: sign in file.read_text() or process.poll() is not None, f"{begins}: {sign}")
+            self.assertIn(sign, file.read_text())
+            yield
+        finally:
+            process.send_signal(signal.SIGINT)
+            code = process.wait(PATIENCE)
+        self.assertEqual(code, 0, file.read_text())
+
+    def owners(self):
+        words = [os.environ["MULTIPANDA_PROGRAM"], "ctl", "state", "--json"]
+        answer = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+        return re.findall(r'"controllet": ?"(\w+)"', answer)
+
+    @unittest.skipUnless(free(("127.0.0.1", 8765)), "another program listens at port 8765")
+    def test_readme(self):
+        self.do("README.md", "new scene")
+        with self.goes_on("README.md", "run two_arms", "http://127.0.0.1:8765"):
+            self.do("README.md", "ctl switch dual")
+            self.assertEqual(self.owners(), ["dual", "dual"])
+        self.assertEqual(sockets(), [])
+
+    @unittest.skipUnless(free(("127.0.0.1", 8765)), "another program listens at port 8765")
+    def test_first_run(self):
+        page = "docs/first_run.md"
+        with self.goes_on(page, "run two_arms", "http://127.0.0.1:8765"):
+            self.do(page, "ctl state", "ctl list", "ctl switch", "ctl reference", "ctl parameter")
+            self.assertEqual(self.owners(), ["left_cartesian", "right_cartesian"])
+            self.do(page, "ctl stop")
+            self.assertEqual(self.owners(), ["left_hold", "right_hold"])
+        self.do(page, "report", "export")
+        self.assertTrue(list(self.folder.rglob("*.csv")) and list(self.folder.rglob("report.html")))
+        with self.goes_on(page, "cockpit runs", "http://127.0.0.1:8765"):
+            pass
+
+    def test_live_input(self):
+        with self.goes_on("docs/live_input.md", "run two_arms", " Hz"):
+            self.do("docs/live_input.md", "ctl list", "ctl reference")
+
+    @unittest.skipUnless(free(("127.0.0.1", 1337)), "another program listens at port 1337")
+    def test_sim_to_real(self):
+        page = "docs/tutorials/sim_to_real.md"
+        scene = "experiments/scenes/excitation_fer.yaml"
+        with self.goes_on(page, "virtual-arm experiments", "127.0.0.1"):
+            for name in ("my/real", "my/again"):
+                self.do(page, f"run {scene} --backend fci --fast --record {name}")
+        self.do(page, "lab compare", "lab predict my/real --model fer --motor-friction", "lab identify my/real")
+        predicted = self.do(page, "lab predict my/again")
+        self.assertIn("my/panda.yaml", predicted)
 
 
 class Snippets(unittest.TestCase):
@@ -119,9 +220,7 @@ class Snippets(unittest.TestCase):
     def test_page_virtual_arm(self):
         if not importlib.util.find_spec("pylibfranka"):
             self.skipTest("pylibfranka is not installed")
-        with socket.socket() as probe, contextlib.suppress(OSError):
-            probe.bind(("127.0.0.1", 1337))
-            probe.close()
+        if free(("127.0.0.1", 1337)):
             words = blocks("docs/virtual_arm.md", "sh")[0].splitlines()[0].partition("#")[0].split()[1:]
             with subprocess.Popen(
                 [os.environ["MULTIPANDA_PROGRAM"], *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True

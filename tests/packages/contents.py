@@ -184,5 +184,7 @@ class Deb(unittest.TestCase):
 
     def test_its_program_runs_where_it_lies(self):
         program = made.unpacked_deb() / "usr/bin/multipanda"
-        scenes = output(program, "list", "scenes", env={"PATH": "/usr/bin:/bin"}, cwd=made.FOLDER)
-        self.assertIn("two_arms", scenes)
+        here = {"env": {"PATH": "/usr/bin:/bin"}, "cwd": made.FOLDER}
+        self.assertIn("two_arms", output(program, "list", "scenes", **here))
+        words = "--arms 2 --model fr3 --hand none --mount duo --use both --name of_deb".split()
+        self.assertIn("next: multipanda run of_deb.yaml", output(program, "new", "scene", *words, **here))

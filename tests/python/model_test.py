@@ -150,7 +150,7 @@ class Model(unittest.TestCase):
             (lambda: model.pose([1, 2]), "q_rad: expected 7 finite numbers"),
             (lambda: model.coriolis(model.home_rad, [np.nan] * 7), "dq_rad_per_s: expected 7 finite"),
             (lambda: mp.model("fr4"), "no robot model 'fr4'; did you mean 'fr3'"),
-            (lambda: mp.model("one_arm", arm="lft"), "scene 'one_arm' has no arm 'lft'"),
+            (lambda: mp.model("two_arms", arm="lft"), "scene 'two_arms' has no arm 'lft'; did you mean 'left'"),
         ):
             with self.assertRaises(ValueError) as caught:
                 call()

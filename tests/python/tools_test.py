@@ -144,6 +144,8 @@ class Asyncio(unittest.TestCase):
                 self.assertEqual((await law.damping_ratio, arm.name, law.arms), (0.8, "arm", ("arm",)))
                 with self.assertRaisesRegex(mp.Refused, "no gripper"):
                     await arm.gripper.state
+                with self.assertRaisesRegex(KeyError, "no arm 'am'; did you mean 'arm'"):
+                    run.arms["am"]
                 events = await run.events()
                 await arm.stop()
                 async for event in events:
