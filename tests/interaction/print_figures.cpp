@@ -36,7 +36,8 @@ int main(int argc, char** argv) {
   PlantFidelity stiction = PlantFidelity::ideal();
   stiction.name = "stiction";
   stiction.stiction_nm = 0.3;
-  const std::vector<PlantFidelity> plants{PlantFidelity::ideal(), PlantFidelity::realistic()};
+  const std::vector<PlantFidelity> plants{PlantFidelity::ideal(), PlantFidelity::realistic(),
+                                          PlantFidelity::realistic_sensors()};
   if (arguments.has("task_3")) {
     head("Task 3: 0-30-0 N in 10 s");
     for (const auto& plant : plants) {
