@@ -108,6 +108,7 @@ struct SceneArm {
   double rotor_hidden = 1;
   bool known_rotor_inertia = false;  // the mass matrix of the controllers contains the acting motor inertia
   bool known_friction = false;       // controllers know the model's friction table
+  double observer_hz = 0;            // CycleConfig::Arm
   std::optional<FciConnection> fci;  // a real arm; none: simulated, unless an option of the run overrides it
   // Set on the arm at the start; none: the arm keeps its own.
   std::optional<SetCollisionThresholds> collision;

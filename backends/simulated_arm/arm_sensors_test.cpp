@@ -230,26 +230,31 @@ TEST(ArmSensors, TheEstimateIsTheOneOfARealArm) {
   }
 }
 
-// Touches of a real Panda at rest, as its own estimate and as observers of ours show them: the largest joint's
-// change from its median while nobody touches. docs/forces.md has the table that this prints.
+// Touches of a real Panda at rest, as its own estimate and as observers of ours show them: the largest
+// joint's change from its median while nobody touches. docs/forces.md has the table that this prints.
 struct Touches {
   std::vector<double> quiet, delay_s;  // sizes without a touch [N m]; from the label to kSeen
   std::vector<double> peaks;           // of each touch [N m]
   static constexpr double kSeen = 0.5;
   double threshold() const { return *std::ranges::max_element(quiet); }  // the least without a false alarm
-  auto missed() const { return std::ranges::count_if(peaks, [&](double p) { return p <= threshold(); }); }
+  auto missed() const {
+    return std::ranges::count_if(peaks, [&](double p) { return p <= threshold(); });
+  }
 
   void count(const Data& data, const std::vector<JointVector>& estimate) {  // per millisecond
     const auto& t = data.at("t");
     const auto& label = data.at("contact");
     const double end = std::min(data.duration(), estimate.size() * dt - dt);
-    std::vector<char> near(estimate.size(), 0);  // to a touch; labels are 50 ms wrong, a hand approaches before
+    std::vector<char> near(estimate.size(),
+                           0);  // to a touch; labels are 50 ms wrong, a hand approaches before
     std::vector<std::pair<double, double>> touches;
     for (std::size_t k = 1; k < data.rows && t[k] < end; ++k) {
       if (label[k] > 0 && label[k - 1] == 0) touches.emplace_back(t[k], t[k]);
       if (label[k] > 0 && !touches.empty()) touches.back().second = t[k];
       if (label[k] == 0) continue;
-      for (auto i = std::size_t(std::max(0.0, t[k] - 0.2) / dt); i < std::min(estimate.size(), std::size_t((t[k] + 0.4) / dt)); ++i) near[i] = 1;
+      for (auto i = std::size_t(std::max(0.0, t[k] - 0.2) / dt);
+           i < std::min(estimate.size(), std::size_t((t[k] + 0.4) / dt)); ++i)
+        near[i] = 1;
     }
     JointVector rest(7);
     for (int i = 0; i < 7; ++i) {
@@ -264,7 +269,8 @@ struct Touches {
     for (const auto& [from, to] : touches) {
       if (from < 0.7) continue;
       double peak = 0, seen = -1;
-      for (auto k = std::size_t((from - 0.1) / dt); k < std::min(estimate.size(), std::size_t((to + 0.1) / dt)); ++k) {
+      for (auto k = std::size_t((from - 0.1) / dt);
+           k < std::min(estimate.size(), std::size_t((to + 0.1) / dt)); ++k) {
         peak = std::max(peak, size(k));
         if (seen < 0 && size(k) > kSeen) seen = double(k) * dt - from;
       }
@@ -299,10 +305,11 @@ TEST(ArmSensors, RealTouchesSeenByTheArmAndByObservers) {
     for (const auto& [what, estimate] : estimates) seen[what].count(data, estimate);
   }
   for (auto& [what, touches] : seen) {
-    std::printf("%-18s noise %.3f N m, no false alarm above %.2f N m: %td of %zu touches missed; seen at %.1f N m "
-                "after %.0f ms, %zu not\n", what.c_str(), rms(touches.quiet), touches.threshold(), touches.missed(),
-                touches.peaks.size(), Touches::kSeen, 1e3 * median(touches.delay_s),
-                touches.peaks.size() - touches.delay_s.size());
+    std::printf(
+        "%-18s noise %.3f N m, no false alarm above %.2f N m: %td of %zu touches missed; seen at %.1f N m "
+        "after %.0f ms, %zu not\n",
+        what.c_str(), rms(touches.quiet), touches.threshold(), touches.missed(), touches.peaks.size(),
+        Touches::kSeen, 1e3 * median(touches.delay_s), touches.peaks.size() - touches.delay_s.size());
   }
 }
 

@@ -42,6 +42,9 @@ struct Bench {
     rig.frames(0, {kTool, {}});
     rig.place(0, bent(7), joint_constant(7, 0));
     rig.state(0).has_wrench_estimate = true;
+    rig.set("contact_threshold_n", {2});  // the estimate has no errors here
+    rig.set("moment_threshold_nm", {0.5});
+    rig.set("contact_motion_share", {0});
   }
   void select(int axis, bool on = true) { rig.set(kAxisNames[axis], {on ? 1.0 : 0.0}); }
   void feel(const Vector6& F) { rig.state(0).F_K_W_est.vector = F; }
