@@ -244,7 +244,7 @@ struct Touches {
   void count(const Data& data, const std::vector<JointVector>& estimate) {  // per millisecond
     const auto& t = data.at("t");
     const auto& label = data.at("contact");
-    const double end = std::min(data.duration(), estimate.size() * dt - dt);
+    const double end = std::min(data.duration(), dt * (double(estimate.size()) - 1));
     std::vector<char> near(estimate.size(),
                            0);  // to a touch; labels are 50 ms wrong, a hand approaches before
     std::vector<std::pair<double, double>> touches;

@@ -10,18 +10,20 @@ void FeltWrench::start(const OwnedArm& arm) {
   const bool known = arm.state->tau_ext_hat.size() == arm.q().size();
   tare_ = known ? Tare::taking : Tare::moved;
   bias_ = JointVector::Zero(arm.q().size());
-  age_ = motion_n_ = 0;
+  age_ = summed_ = motion_n_ = 0;
   velocity_.reset(arm.terms->V_WE().linear());
 }
 
 void FeltWrench::take(const OwnedArm& arm, double dt) {
   age_ += dt;
-  if (!(arm.dq().cwiseAbs().maxCoeff() < kRest)) {
+  if (!(arm.dq().array().abs() < kRest).all()) {  // nor if one is not a number
     tare_ = Tare::moved;
   } else if (age_ > kSettling) {
-    bias_ += arm.state->tau_ext_hat * (dt / (kTaking - kSettling));
+    bias_ += dt * arm.state->tau_ext_hat;
+    summed_ += dt;
     if (age_ < kTaking) return;
-    const bool small = bias_.cwiseAbs().maxCoeff() < kMostTorque &&
+    bias_ /= summed_;
+    const bool small = (bias_.array().abs() < kMostTorque).all() &&
                        wrench_of(arm.terms->J_V_WK(), bias_).force().norm() < kMostForce;
     tare_ = small ? Tare::taken : Tare::too_large;
   }

@@ -55,7 +55,7 @@ class FeltWrench {
 
   Tare tare_ = Tare::taking;
   JointVector bias_;  // [N m] (n x 1)
-  double age_ = 0, motion_n_ = 0;
+  double age_ = 0, summed_ = 0, motion_n_ = 0;
   LowPass<Vector3> velocity_;
   Vector6 F_ = Vector6::Zero();
 };
