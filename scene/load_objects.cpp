@@ -54,8 +54,10 @@ void visit(Archive& archive, PlantFidelity& plant, Scene& scene) {
       "Plant",
       "Simulation fidelity: a named set of values. Individual values may be changed. `ideal`: rigid bodies "
       "and perfect torques. `realistic`: joint friction of the robot model, torque tracking with a bandwidth "
-      "of 50 Hz, a command delay of 1 ms, sensor noise. `realistic_sensors`: the same with sensors, estimates "
-      "of forces and friction behind the sensors as measured on real arms. `fr3` has no friction values of its own and uses "
+      "of 50 Hz, a command delay of 1 ms, sensor noise. `realistic_sensors`: the same with sensors, "
+      "estimates "
+      "of forces and friction behind the sensors as measured on real arms. `fr3` has no friction values of "
+      "its own and uses "
       "those of the Panda. The defaults below are those of `ideal`.");
   archive(Key("fidelity", "The named set.").one_of({"ideal", "realistic", "realistic_sensors"}), plant.name);
   if (plant.name == "realistic") plant = PlantFidelity::realistic();

@@ -15,7 +15,7 @@ namespace {
 using namespace test;
 using Tare = FeltWrench::Tare;
 
-// Of a real Panda at rest; the levers of this arm are shorter by half.
+// The bias of a real Panda at rest, less, since this arm is smaller.
 const JointVector kBias = 0.4 * (JointVector(7) << -0.51, -0.38, -0.31, 0.57, 0.08, 0.12, -0.32).finished();
 const Pose kTool{rotation_from_rpy({0.3, -0.2, 0.5}), Vector3(0.02, -0.01, 0.1)};
 const Pose kStiffness{rotation_from_rpy({0.1, 0.4, -0.3}), Vector3(0.01, 0.03, -0.04)};

@@ -151,7 +151,7 @@ ParameterSpec force_may_pull_parameter();
 ParameterSpec press_direction_parameter();
 ParameterSpec motion_share_parameter();
 InputSpec wrench_input();  // F_d
-// Of every moment that is controlled.
+// The threshold of contact of controlled moments.
 inline constexpr double kMomentThresholdNm = 1.5;
 inline constexpr const char* kMomentThresholdDoc =
     "Estimated moment that counts as contact while the hand rests, more while it moves; contact is lost "
