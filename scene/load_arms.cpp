@@ -415,8 +415,7 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
                   arm.collision, description);
   archive(Key("observer_hz",
               "Forces by this program's momentum observer with that cut-off, also where the arm sends an "
-              "estimate of its own; 0: 30 Hz, only where it sends none. On a real arm 10 Hz see a touch "
-              "sooner than the arm's own, with more noise (docs/forces.md).")
+              "estimate of its own; 0: 30 Hz, only where it sends none.")
               .within(0, 100),
           arm.observer_hz);
   archive(
