@@ -1,6 +1,7 @@
 // What a law believes of an arm's estimate: its bias at rest, contacts at the start, errors of motion.
 #include "core/controllets/felt_wrench.hpp"
 
+#include <functional>
 #include <limits>
 
 #include <gtest/gtest.h>
@@ -8,6 +9,7 @@
 #include "core/controllets/builtins.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
+#include "core/testing/test_arm.hpp"
 
 namespace multipanda::felt_wrench_test {
 namespace {
