@@ -76,7 +76,7 @@ TEST(FeltWrench, TheBiasOfARealPandaIsGoneInEveryPose) {
     const Vector6 F = six(draw.vector3(20), draw.vector3(3));
     bench.feel(kBias + bench.of(F));
     bench.run(felt, 1);
-    EXPECT_LT((felt.at_E() - F).norm(), 2e-3) << i;  // kEps of wrench_of()
+    EXPECT_LT((felt.at_E() - F).norm(), 5e-3) << i;  // kEps of wrench_of()
   }
 }
 
