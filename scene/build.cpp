@@ -251,7 +251,7 @@ ArmConfig arm_config(const SceneArm& arm) {
 CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) {
   CycleConfig config;
   for (const auto& arm : scene.arms)
-    config.arms.push_back({arm.name, build_controller_model(arm), arm.safety, arm.mount});
+    config.arms.push_back({arm.name, build_controller_model(arm), arm.safety, arm.mount, arm.observer_hz});
   config.controllets = scene.controllets;
   for (ArmIndex arm = 0; arm < scene.arms.size(); ++arm) {  // holds that the scene does not declare
     InstanceConfig hold{.name = scene.arms[arm].name + "_hold", .type = "hold", .arms = {arm}};

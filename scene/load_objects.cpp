@@ -54,10 +54,14 @@ void visit(Archive& archive, PlantFidelity& plant, Scene& scene) {
       "Plant",
       "Simulation fidelity: a named set of values. Individual values may be changed. `ideal`: rigid bodies "
       "and perfect torques. `realistic`: joint friction of the robot model, torque tracking with a bandwidth "
-      "of 50 Hz, a command delay of 1 ms, sensor noise. `fr3` has no friction values of its own and uses "
+      "of 50 Hz, a command delay of 1 ms, sensor noise. `realistic_sensors`: the same with sensors, "
+      "estimates "
+      "of forces and friction behind the sensors as measured on real arms. `fr3` has no friction values of "
+      "its own and uses "
       "those of the Panda. The defaults below are those of `ideal`.");
-  archive(Key("fidelity", "The named set.").one_of({"ideal", "realistic"}), plant.name);
+  archive(Key("fidelity", "The named set.").one_of({"ideal", "realistic", "realistic_sensors"}), plant.name);
   if (plant.name == "realistic") plant = PlantFidelity::realistic();
+  if (plant.name == "realistic_sensors") plant = PlantFidelity::realistic_sensors();
   archive(Key("substeps", "Physics steps per control period of 1 ms.").within(1, 100), scene.substeps);
   archive(Key("joint_friction", "Friction of the robot model."), plant.joint_friction);
   archive(Key("torque_bandwidth_hz", "Bandwidth of first-order torque tracking; 0: perfect tracking.")

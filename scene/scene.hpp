@@ -34,6 +34,7 @@ struct PlantFidelity {
   std::optional<double> rotor_hidden;
   // Transmission of every joint; 0: none. In hidden plants a mean: each joint has 0.5 to 1.5 of it.
   double transmission_stiffness_nm_per_rad = 0, gear_ripple_nm = 0;
+  bool real_sensors = false;  // sensors, own estimate of forces and friction behind the sensors of real arms
   static PlantFidelity ideal() { return {}; }
   static PlantFidelity realistic() {
     return {.name = "realistic",
@@ -43,6 +44,12 @@ struct PlantFidelity {
             .noise_q_rad = 1e-5,
             .noise_dq_rad_per_s = 1e-3,
             .noise_tau_nm = 0.05};
+  }
+  static PlantFidelity realistic_sensors() {
+    PlantFidelity set = realistic();
+    set.name = "realistic_sensors";
+    set.real_sensors = true;
+    return set;
   }
 };
 
@@ -101,6 +108,7 @@ struct SceneArm {
   double rotor_hidden = 1;
   bool known_rotor_inertia = false;  // the mass matrix of the controllers contains the acting motor inertia
   bool known_friction = false;       // controllers know the model's friction table
+  double observer_hz = 0;            // CycleConfig::Arm
   std::optional<FciConnection> fci;  // a real arm; none: simulated, unless an option of the run overrides it
   // Set on the arm at the start; none: the arm keeps its own.
   std::optional<SetCollisionThresholds> collision;

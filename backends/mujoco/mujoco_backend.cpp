@@ -24,7 +24,7 @@ Capabilities MujocoBackend::capabilities(ArmIndex arm) const {
           .lockstep = true,
           .compensates_gravity = true,
           .compensates_friction = plant_.is_frictionless(arm),
-          .has_external_torque = false,
+          .has_external_torque = plant_.arm(arm).estimates_forces(),
           .has_contact_truth = true,
           .has_gripper = plant_.has_gripper(arm),
           .has_vacuum = plant_.has_vacuum(arm),

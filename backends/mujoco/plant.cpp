@@ -79,7 +79,8 @@ MujocoPlant::MujocoPlant(const Scene& scene, const PlantOptions& options)
   plan_places(scene);
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
     RobotDescription robot = plant_robot_of(scene.arms[i]);
-    const bool real_sensors = options.real_sensors && !scene.arms[i].plant_robot;
+    const bool real_sensors =
+        (options.real_sensors || scene.plant.real_sensors) && !scene.arms[i].plant_robot;
     if (real_sensors && !robot.link_friction) robot.link_friction = usual_link_friction(robot);
     const JointVector zero = joint_constant(robot.joint_count(), 0);
     const JointVector& q_start = scene.arms[i].q_start;

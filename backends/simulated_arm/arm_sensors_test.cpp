@@ -230,6 +230,89 @@ TEST(ArmSensors, TheEstimateIsTheOneOfARealArm) {
   }
 }
 
+// Touches of a real Panda at rest, as its own estimate and as observers of ours show them: the largest
+// joint's change from its median while nobody touches. docs/forces.md has the table that this prints.
+struct Touches {
+  std::vector<double> quiet, delay_s;  // sizes without a touch [N m]; from the label to kSeen
+  std::vector<double> peaks;           // of each touch [N m]
+  static constexpr double kSeen = 0.5;
+  double threshold() const { return *std::ranges::max_element(quiet); }  // the least without a false alarm
+  auto missed() const {
+    return std::ranges::count_if(peaks, [&](double p) { return p <= threshold(); });
+  }
+
+  void count(const Data& data, const std::vector<JointVector>& estimate) {  // per millisecond
+    const auto& t = data.at("t");
+    const auto& label = data.at("contact");
+    const double end = std::min(data.duration(), dt * (double(estimate.size()) - 1));
+    std::vector<char> near(estimate.size(),
+                           0);  // to a touch; labels are 50 ms wrong, a hand approaches before
+    std::vector<std::pair<double, double>> touches;
+    for (std::size_t k = 1; k < data.rows && t[k] < end; ++k) {
+      if (label[k] > 0 && label[k - 1] == 0) touches.emplace_back(t[k], t[k]);
+      if (label[k] > 0 && !touches.empty()) touches.back().second = t[k];
+      if (label[k] == 0) continue;
+      for (auto i = std::size_t(std::max(0.0, t[k] - 0.2) / dt);
+           i < std::min(estimate.size(), std::size_t((t[k] + 0.4) / dt)); ++i)
+        near[i] = 1;
+    }
+    JointVector rest(7);
+    for (int i = 0; i < 7; ++i) {
+      std::vector<double> values;
+      for (std::size_t k = 500; k < estimate.size(); ++k)
+        if (near[k] == 0) values.push_back(estimate[k][i]);
+      rest[i] = median(values);
+    }
+    const auto size = [&](std::size_t k) { return (estimate[k] - rest).cwiseAbs().maxCoeff(); };
+    for (std::size_t k = 500; k < estimate.size(); ++k)
+      if (near[k] == 0) quiet.push_back(size(k));
+    for (const auto& [from, to] : touches) {
+      if (from < 0.7) continue;
+      double peak = 0, seen = -1;
+      for (auto k = std::size_t((from - 0.1) / dt);
+           k < std::min(estimate.size(), std::size_t((to + 0.1) / dt)); ++k) {
+        peak = std::max(peak, size(k));
+        if (seen < 0 && size(k) > kSeen) seen = double(k) * dt - from;
+      }
+      peaks.push_back(peak);
+      if (seen >= 0) delay_s.push_back(seen);
+    }
+  }
+};
+
+TEST(ArmSensors, RealTouchesSeenByTheArmAndByObservers) {
+  std::map<std::string, Touches> seen;
+  for (const char* name : {"panda_touch_a4.csv", "panda_touch_b9.csv", "panda_touch_d5.csv"}) {
+    const Data data(name);
+    SKIP_WITHOUT(data);
+    const SimulatedArmConfig config = config_of("fer", 4);
+    ModelTerms terms(config.model);
+    terms.set_config(config.frames, {}, {});
+    std::map<std::string, std::vector<JointVector>> estimates;
+    for (const double hz : {30.0, 15.0, 10.0, 7.0, 5.0}) {
+      ExternalForceObserver observer(7, hz);
+      ArmState state;
+      auto& of = estimates["observer, " + std::to_string(int(hz)) + " Hz"];
+      for (int k = 0; k * dt < data.duration(); ++k) {
+        data.measure(k * dt, state);
+        terms.update(state.q, state.dq);
+        observer.update({terms.momentum(), terms.momentum_drift(), terms.J_V_WK()}, state);
+        of.push_back(state.tau_ext_hat);
+      }
+    }
+    auto& own = estimates["the arm's own"];
+    for (int k = 0; k * dt < data.duration(); ++k) own.push_back(data.joints_at("tau_ext", k * dt));
+    for (const auto& [what, estimate] : estimates) seen[what].count(data, estimate);
+  }
+  for (auto& [what, touches] : seen) {
+    std::printf(
+        "%-18s noise %.3f N m, no false alarm above %.2f N m: %td of %zu touches missed; seen at %.1f N m "
+        "after %.0f ms, %zu not\n",
+        what.c_str(), rms(touches.quiet), touches.threshold(), touches.missed(), touches.peaks.size(),
+        Touches::kSeen, 1e3 * median(touches.delay_s), touches.peaks.size() - touches.delay_s.size());
+  }
+}
+
 TEST(ArmSensors, AtRestTheEstimateIsTheTorqueLessTheDeclaredWeightAndBiased) {
   const Data data("panda_state_give.csv"), touched("panda_touch_d5.csv");
   SKIP_WITHOUT(data);

@@ -91,6 +91,7 @@ class SimulatedArm {
   // Both as of the last measure() (and of apply() for mode and errors).
   const ArmState& state() const { return state_; }
   const InterfaceState& interface() const { return interface_; }
+  bool estimates_forces() const { return sensors_.has_value(); }  // its state then has tau_ext_hat, F_K_W_est
   const ArmSettings& settings() const { return settings_; }
   ArmMode mode() const;
   std::uint64_t errors() const { return errors_; }  // active now; bit i: error i

@@ -12,6 +12,11 @@ void SimulatedArm::measure(const PlantMeasurement& plant) {
   const bool generates = moving_ && motion_.generator != MotionGenerator::none;
   contact_.update(model_, state_, generates ? desired_.state().ddq : JointVector(), config_.period_s,
                   settings_.thresholds);
+  if (estimates_forces()) {
+    state_.tau_ext_hat = contact_.tau_ext_hat();
+    state_.F_K_W_est = contact_.F_K_W();
+    state_.has_wrench_estimate = true;
+  }
   const Pose& X_WB = config_.model->X_WB();
   interface_.X_BE = X_WB.inverse() * model_.X_WE();
   if (moving_ && watching_ && interface_.mode == ArmMode::move) watch_measurement();

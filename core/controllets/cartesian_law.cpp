@@ -352,10 +352,6 @@ Preset reference_preset() {
                      {"nullspace_damping_of", {1}}}};
 }
 
-Vector6 wrench_about_E(const OwnedArm& arm) {
-  return shifted(arm.state->F_K_W_est, arm.terms->X_WK().position - arm.terms->X_WE().position).vector;
-}
-
 ImpedanceGains impedance_gains(const ParameterSet& parameters, const ContactBounds& contact) {
   return {parameters.vector3(kTranslationalStiffness),
           parameters.vector3(kRotationalStiffness),

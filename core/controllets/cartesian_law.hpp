@@ -64,9 +64,6 @@ struct ImpedanceGains {
   Matrix6 coasting(const Matrix3& R_W_d) const;  // the projector on axes without stiffness (6 x 6)
 };
 
-// The estimated wrench that the arm exerts, about E, in world axes [N, N m]: the arm's state has it about K.
-Vector6 wrench_about_E(const OwnedArm& arm);
-
 // The inertia (6 x 6) at E that a given damping acts on: Lambda, with the motors that the model states.
 Matrix6 damped_inertia(ModelTerms& terms);
 

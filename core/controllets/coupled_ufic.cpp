@@ -8,6 +8,7 @@
 #include "core/controllets/coupled_ufic_descriptor.hpp"
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/energy_balance.hpp"
+#include "core/controllets/felt_wrench.hpp"
 
 namespace multipanda::coupled_ufic {
 namespace {
@@ -107,7 +108,10 @@ class CoupledUfic final : public Controllet {
     soften(settings, context, frame, inertia(context, frame));
     balance_.start(context.arms, settings.tanks.start_j, settings.tanks.limits);
     alpha_f_ = balance_.force.valve(settings.tanks.limits);
-    for (std::size_t i = 0; i < 2; ++i) q_N_[i] = context.arms[i].q();
+    for (std::size_t i = 0; i < 2; ++i) {
+      q_N_[i] = context.arms[i].q();
+      felt_[i].start(context.arms[i]);
+    }
     springs_ = springs_now(settings, CartesianTarget::of(context.inputs[kPose]));
     springs_.scale = balance_.impedance.valve(settings.tanks.limits);
     springs_.energy = springs_.energy_at(frame);
@@ -347,9 +351,13 @@ class CoupledUfic final : public Controllet {
     settings.grasp.closing_speed = closing_speed_ =
         std::min(settings.grasp.closing_speed, context.contact.hand_speed);  // half of it by each hand
     settings.grasp.closing_stiffness = n.dot(settings.relative.stiffness(R_d).translation * n);
-    measured_ = {.requested_n = context.inputs[kSqueeze].scalar(),
-                 .first_n = n.dot(Vector3(context.arms[0].state->F_K_W_est.force())),
-                 .second_n = -n.dot(Vector3(context.arms[1].state->F_K_W_est.force())),
+    for (std::size_t i = 0; i < 2; ++i) felt_[i].update(context.arms[i], context.dt);
+    settings.grasp.contact_threshold_n +=
+        std::max(felt_[0].motion(settings.motion_share), felt_[1].motion(settings.motion_share));
+    const bool waits = felt_[0].waits() || felt_[1].waits();
+    measured_ = {.requested_n = waits ? 0.0 : context.inputs[kSqueeze].scalar(),
+                 .first_n = n.dot(Vector3(felt_[0].at_E().head<3>())),
+                 .second_n = -n.dot(Vector3(felt_[1].at_E().head<3>())),
                  .distance_m = n.dot(Vector3(frame.relative.head<3>()))};
     if (!std::isfinite(measured_.requested_n + measured_.first_n + measured_.second_n)) return false;
     grasp_.update(measured_, settings.grasp, context.dt);
@@ -432,9 +440,11 @@ class CoupledUfic final : public Controllet {
       relative.head<3>() -= springs_.n.dot(Vector3(relative.head<3>())) * springs_.n;
     }
     std::copy_n(relative.data(), 6, out.begin() + kRelativeError);
+    for (std::size_t i = 0; i < 2; ++i) out[kTare + i] = static_cast<double>(felt_[i].tare());
   }
 
   std::array<Pose, 2> X_EA_;
+  std::array<FeltWrench, 2> felt_;
   std::array<JointVector, 2> q_N_;
   TankBalance balance_{2};
   Vector3 p_r_start_ = Vector3::Zero(), n_A_ = Vector3::UnitY();

@@ -1,6 +1,7 @@
 #include "core/controllets/coupled_ufic_descriptor.hpp"
 
 #include "core/controllets/cooperative_frame.hpp"
+#include "core/controllets/felt_wrench.hpp"
 
 namespace multipanda::coupled_ufic {
 
@@ -38,7 +39,7 @@ ControlletDescriptor descriptor() {
                                          .max = 300,
                                          .doc = "D_z on the rate of the hands' distance, in addition to the "
                                                 "damping of the impedance."}),
-          parameter_at<kSqueezeThreshold>(of_force(kContactThreshold, 2)),
+          parameter_at<kSqueezeThreshold>(of_force(kContactThreshold, 6)),
           parameter_at<kSqueezeDirection>({.name = "squeeze_direction",
                                            .size = 3,
                                            .initial = {0, 0, 0},
@@ -83,6 +84,7 @@ ControlletDescriptor descriptor() {
                                                 .doc = "Limit of the force of that integral."}),
           group_at<kTanks>(tank_parameters()), parameter_at<kFeedforward>(force_feedforward_parameter()),
           parameter_at<kMayPull>(force_may_pull_parameter()),
+          parameter_at<kSqueezeMotionShare>(motion_share_parameter()),
           parameter_at<kRelativeTranslationalDamping>(relative_translational_damping_parameter()),
           parameter_at<kRelativeRotationalDamping>(relative_rotational_damping_parameter())),
       .outputs = spec_table<kOutputCount>(
@@ -103,7 +105,8 @@ ControlletDescriptor descriptor() {
           output_at<kRelativeError, 3>("relative_position_error_m",
                                        "p_r,d - p_r, world axes; only across n during a grasp."),
           output_at<kRelativeError + 3, 3>("relative_orientation_error_rad", "-phi, world axes."),
-          output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc)),
+          output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc),
+          output_at<kTare, 2>("tare", FeltWrench::kTareDoc)),
       .presets = {coupled_paper_preset({{"force_proportional", {1}},
                                         {"force_derivative_s", {0.05}},
                                         {"force_integral_per_s", {0.25}},
@@ -130,7 +133,8 @@ Settings::Settings(const ParameterSet& p, const ContactBounds& contact)
       squeeze_damping(p.number(kSqueezeDamping)),
       object_mass(p.number(kObjectMass)),
       vertical_integral(p.number(kVerticalIntegral)),
-      vertical_integral_limit(p.number(kVerticalIntegralLimit)) {
+      vertical_integral_limit(p.number(kVerticalIntegralLimit)),
+      motion_share(p.number(kSqueezeMotionShare)) {
   relative.translational_stiffness = p.vector3(kRelativeTranslational);
   relative.rotational_stiffness = p.vector3(kRelativeRotational);
   relative.translational_damping = p.vector3(kRelativeTranslationalDamping);

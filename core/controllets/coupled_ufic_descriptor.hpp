@@ -30,6 +30,7 @@ enum Parameter : std::size_t {
   kTanks,
   kFeedforward = kTanks + kTankParameterCount,
   kMayPull,
+  kSqueezeMotionShare,
   kRelativeTranslationalDamping,
   kRelativeRotationalDamping,
   kParameterCount
@@ -50,7 +51,8 @@ enum Output : std::size_t {
   kAbsoluteError,
   kRelativeError = kAbsoluteError + 6,
   kStiffnessShare = kRelativeError + 6,
-  kOutputCount
+  kTare,
+  kOutputCount = kTare + 2
 };
 
 ControlletDescriptor descriptor();
@@ -64,7 +66,7 @@ struct Settings {
   ForceGains force;
   GraspSettings grasp;  // without its stiffness, which depends on the direction
   TankSettings tanks;
-  double squeeze_damping, object_mass, vertical_integral, vertical_integral_limit;
+  double squeeze_damping, object_mass, vertical_integral, vertical_integral_limit, motion_share;
 };
 
 }  // namespace multipanda::coupled_ufic

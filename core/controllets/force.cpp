@@ -3,6 +3,7 @@
 #include "core/controllets/builtins.hpp"
 #include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/energy_tank.hpp"
+#include "core/controllets/felt_wrench.hpp"
 #include "core/controllets/force_law.hpp"
 
 namespace multipanda {
@@ -50,7 +51,8 @@ class Force final : public Controllet {
             output_at<kApproaching>("approaching", "1 while approaching a surface, otherwise 0."),
             output_at<kError, 3>("position_error_m", "Deviation from the held pose, world axes."),
             output_at<kError + 3, 3>("orientation_error_rad", "Deviation from the held pose, world axes."),
-            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc)),
+            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc),
+            output_at<kTare>("tare", FeltWrench::kTareDoc)),
         .presets = {paper_preset({{"force_proportional", {1}},
                                   {"force_derivative_s", {0}},
                                   {"force_integral_per_s", {2}},
@@ -66,6 +68,7 @@ class Force final : public Controllet {
     X_hold_ = arm.terms->X_WE();
     p_c_ = X_hold_.position;
     direction_.start(context.parameters->vector3(kPressDirection));
+    felt_.start(arm);
     detector_.start();
     loop_.start();
     room_.start();
@@ -84,15 +87,16 @@ class Force final : public Controllet {
     const ForceSettings settings = force_settings(parameters, kForceGroup);
     const double dt = context.dt;
 
+    felt_.update(arm, dt);
     const Vector3 F_d = context.inputs[kWrench].vector().head<3>();
     const Vector3 n = direction_.update(F_d, dt);
-    const double desired = std::max(0.0, n.dot(F_d));
-    const Vector3 F_hat = arm.state->F_K_W_est.force();
+    const double desired = felt_.waits() ? 0.0 : std::max(0.0, n.dot(F_d));
+    const Vector3 F_hat = felt_.at_E().head<3>();
     if (!F_d.allFinite() || !F_hat.allFinite())
       return LawResult::fault;  // clamping would hide an invalid value
     const double estimated = n.dot(F_hat);
     const Vector3 p = terms.X_WE().position;
-    watch_contact(estimated, settings.contact_threshold, p, n, dt);
+    watch_contact(estimated, settings.contact_threshold + felt_.motion(settings.motion_share), p, n, dt);
 
     const double w = pressing_fade_.towards(pressing_, dt);
     const double beyond = std::max(0.0, n.dot(p - p_c_));
@@ -150,6 +154,7 @@ class Force final : public Controllet {
     out[kApproaching] = approaching;
     std::copy_n(pose_error(X_hold_, terms.X_WE()).data(), 6, out.begin() + kError);
     out[kStiffnessShare] = force.stiffness_share;
+    out[kTare] = static_cast<double>(felt_.tare());
     return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
   }
 
@@ -177,6 +182,7 @@ class Force final : public Controllet {
     kApproaching,
     kError,
     kStiffnessShare = kError + 6,
+    kTare,
     kOutputCount
   };
 
@@ -198,6 +204,7 @@ class Force final : public Controllet {
   JointVector q_N_;
   Pose X_hold_;
   Vector3 p_c_ = Vector3::Zero();  // last point of contact of the tool
+  FeltWrench felt_;
   ForceDirection direction_;
   ContactDetector detector_;
   ForceLoop loop_;

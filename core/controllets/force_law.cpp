@@ -115,10 +115,11 @@ ForceParameters force_parameters() {
       parameter_at<kContactThreshold>(
           {.name = "contact_threshold_n",
            .unit = "N",
-           .initial = {2},
+           .initial = {6},
            .min = 0.5,
            .max = 20,
-           .doc = "Estimated force that counts as contact; contact is lost below half of it."}),
+           .doc = "Estimated force that counts as contact while the hand rests, more while it moves; contact "
+                  "is lost below half of it."}),
       parameter_at<kTangentialGain>(
           {.name = "tangential_gain",
            .initial = {1},
@@ -132,7 +133,8 @@ ForceParameters force_parameters() {
            .max = 10,
            .doc = "Cut-off of the low-pass on that estimate; it chatters above 5 Hz."}),
       parameter_at<kForceFeedforward>(force_feedforward_parameter()),
-      parameter_at<kForceMayPull>(force_may_pull_parameter()))};
+      parameter_at<kForceMayPull>(force_may_pull_parameter()),
+      parameter_at<kMotionShare>(motion_share_parameter()))};
 }
 
 ForceSettings force_settings(const ParameterSet& parameters, std::size_t first) {
@@ -143,7 +145,8 @@ ForceSettings force_settings(const ParameterSet& parameters, std::size_t first) 
           number(kForceDamping),
           number(kContactThreshold),
           number(kTangentialGain),
-          number(kTangentialCutoff)};
+          number(kTangentialCutoff),
+          number(kMotionShare)};
 }
 
 ParameterSpec force_feedforward_parameter() {
@@ -155,6 +158,15 @@ ParameterSpec force_may_pull_parameter() {
   return switch_parameter("force_may_pull", false,
                           "Allows a negative commanded force, as the paper prints it; a tool that only rests "
                           "on a surface then lifts off.");
+}
+
+ParameterSpec motion_share_parameter() {
+  return {.name = "contact_motion_share",
+          .initial = {1},
+          .max = 1,
+          .doc =
+              "Share of what motion adds to the thresholds of contact, 20 N per m/s and 10 N per m/s^2; 0 "
+              "where forces are measured and not estimated."};
 }
 
 ParameterSpec press_direction_parameter() {

@@ -48,7 +48,7 @@ class Fade {
 
 // Detects contact: the low-passed estimate rose above the threshold and has not fallen below half of it
 // since. There is no contact within kBlind of the start, while the estimate settles. Raw estimates, or
-// thresholds below 1 N, cause false contacts.
+// thresholds below 1 N, cause false contacts; laws add what motion needs (felt_wrench.hpp).
 class ContactDetector {
  public:
   static constexpr double kCutoff = 15;  // [Hz]
@@ -141,6 +141,7 @@ enum ForceParameter : std::size_t {
   kTangentialCutoff,
   kForceFeedforward,
   kForceMayPull,
+  kMotionShare,
   kForceParameterCount
 };
 using ForceParameters = SpecsAt<ParameterSpec, 0, kForceParameterCount>;
@@ -148,7 +149,14 @@ ForceParameters force_parameters();
 ParameterSpec force_feedforward_parameter();
 ParameterSpec force_may_pull_parameter();
 ParameterSpec press_direction_parameter();
+ParameterSpec motion_share_parameter();
 InputSpec wrench_input();  // F_d
+// The threshold of contact of controlled moments.
+inline constexpr double kMomentThresholdNm = 1.5;
+inline constexpr const char* kMomentThresholdDoc =
+    "Estimated moment that counts as contact while the hand rests, more while it moves; contact is lost "
+    "below "
+    "half of it.";
 
 // Their values; `first` is the index of the group's first parameter in the controllet's descriptor.
 struct ForceSettings {
@@ -157,6 +165,7 @@ struct ForceSettings {
   double contact_threshold = 0;  // [N]
   double tangential_gain = 0;    // fraction of the estimated tangential force that is fed forward
   double tangential_cutoff = 0;  // [Hz]
+  double motion_share = 1;       // of FeltWrench::motion()
 };
 ForceSettings force_settings(const ParameterSet& parameters, std::size_t first);
 

@@ -5,7 +5,7 @@
 namespace multipanda {
 
 struct GraspSettings {
-  double contact_threshold_n = 2;    // estimated force of a hand that counts as contact [N]
+  double contact_threshold_n = 6;    // estimated force of a hand that counts as contact [N]
   double closing_speed = 0.02;       // rate of the distance between the hands [m/s]
   double closing_stiffness = 0;      // stiffness of the spring that closes the hands [N/m]
   double ramp_s = 1;                 // from the first contact of both hands to the full squeeze [s]

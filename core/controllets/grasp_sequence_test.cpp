@@ -12,7 +12,7 @@ using Phase = GraspSequence::Phase;
 // Two hands on springs that give way to a stiff object: reduced to the numbers that the sequence uses.
 struct Bench {
   GraspSequence grasp;
-  GraspSettings settings{.closing_stiffness = 400};
+  GraspSettings settings{.contact_threshold_n = 2, .closing_stiffness = 400};
   GraspSequence::Measured now{.distance_m = 0.26};
 
   Bench() { grasp.start(now.distance_m); }

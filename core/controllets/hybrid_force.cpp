@@ -6,6 +6,7 @@
 #include "core/controllets/axis_force.hpp"
 #include "core/controllets/builtins.hpp"
 #include "core/controllets/cartesian_law.hpp"
+#include "core/controllets/felt_wrench.hpp"
 
 namespace multipanda {
 namespace {
@@ -99,8 +100,7 @@ class HybridForce final : public Controllet {
                                               "Limit of the integral part of a moment.")),
             parameter_at<kForceThreshold>(force[kContactThreshold]),
             parameter_at<kMomentThreshold>(
-                number("moment_threshold_nm", "N m", 0.5, 0.1, 10,
-                       "Estimated moment that counts as contact; contact is lost below half of it.")),
+                number("moment_threshold_nm", "N m", kMomentThresholdNm, 0.1, 10, kMomentThresholdDoc)),
             parameter_at<kLinearDamping>(number("force_damping_n_s_per_m", "N s/m", 100, 0, 300,
                                                 "Damping along axes with a force, in addition to that of the "
                                                 "impedance; limited by the inertia.")),
@@ -113,8 +113,8 @@ class HybridForce final : public Controllet {
                                                "The same about an axis with a desired moment.")),
             parameter_at<kReach>(number("d_max_m", "m", 0.02, 0.001, 1,
                                         "Width of gamma, which fades a force beyond the last contact.")),
-            parameter_at<kAngularReach>(
-                number("phi_max_rad", "rad", 0.1, 0.01, 1, "The same for a moment."))),
+            parameter_at<kAngularReach>(number("phi_max_rad", "rad", 0.1, 0.01, 1, "The same for a moment.")),
+            parameter_at<kHybridMotionShare>(motion_share_parameter())),
         .outputs = spec_table<kOutputCount>(
             output_at<kDesired, 3>("desired_force_n", "F_d, axes of the force frame."),
             output_at<kDesired + 3, 3>("desired_moment_nm", "Its moment."),
@@ -128,7 +128,8 @@ class HybridForce final : public Controllet {
                 "Per axis: 1 under force control, 0 under impedance, in between while it fades."),
             output_at<kError, 3>("position_error_m", "p_d - p along axes of the impedance, world axes."),
             output_at<kError + 3, 3>("orientation_error_rad", "log(R_d R^T), the same."),
-            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc)),
+            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc),
+            output_at<kTare>("tare", FeltWrench::kTareDoc)),
         .presets = {}};
   }
 
@@ -137,6 +138,7 @@ class HybridForce final : public Controllet {
     if (!arm.state->has_wrench_estimate)
       return LawResult::fault;  // without an estimate the force has no feedback
     q_N_ = arm.q();
+    felt_.start(arm);
     for (AxisForce& axis : axis_) axis.start();
     for (ForceRoom& room : room_) room.start();
     frame_ = context.parameters->choice(kFrame);
@@ -157,10 +159,12 @@ class HybridForce final : public Controllet {
     OwnedArm& arm = context.arms[0];
     ModelTerms& terms = *arm.terms;
     const ParameterSet& parameters = *context.parameters;
-    const Vector6 F_d = context.inputs[kWrench].vector();
-    const Vector6 F_hat = wrench_about_E(arm);
+    felt_.update(arm, context.dt);
+    Vector6 F_d = context.inputs[kWrench].vector();
+    const Vector6& F_hat = felt_.at_E();
     if (!F_d.allFinite() || !F_hat.allFinite())
       return LawResult::fault;  // clamping would hide an invalid value
+    if (felt_.waits()) F_d.setZero();
 
     const WeightedAxes axes = select(parameters, context);
     const CartesianTarget target = follow(axes, context);
@@ -196,6 +200,7 @@ class HybridForce final : public Controllet {
     std::copy_n(axes.weight.data(), kAxes, out.begin() + kWeight);
     std::copy_n(force.error.data(), kAxes, out.begin() + kError);
     out[kStiffnessShare] = stiffness_share;
+    out[kTare] = static_cast<double>(felt_.tare());
     return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
   }
 
@@ -231,6 +236,7 @@ class HybridForce final : public Controllet {
     kTurningSpeed,
     kReach,
     kAngularReach,
+    kHybridMotionShare,
     kParameterCount
   };
   enum Output : std::size_t {
@@ -241,6 +247,7 @@ class HybridForce final : public Controllet {
     kWeight = kContact + kAxes,
     kError = kWeight + kAxes,
     kStiffnessShare = kError + kAxes,
+    kTare,
     kOutputCount
   };
 
@@ -447,17 +454,18 @@ class HybridForce final : public Controllet {
   }
 
   // v_a uses the part of the hand's speed left by the set-point's motion across the selected axes.
-  static AxisSettings force_axis(const WeightedAxes& axes, const ControlContext& context,
-                                 const Vector3& goal_speed) {
+  AxisSettings force_axis(const WeightedAxes& axes, const ControlContext& context,
+                          const Vector3& goal_speed) const {
     const ParameterSet& parameters = *context.parameters;
     const double left = left_beside(goal_speed, context.contact.hand_speed) / axes.parts(0);
-    return {kForceAxis, gains(parameters, kIntegral, kForceLimit), parameters.number(kForceThreshold),
+    return {kForceAxis, gains(parameters, kIntegral, kForceLimit),
+            parameters.number(kForceThreshold) + felt_.motion(parameters.number(kHybridMotionShare)),
             std::min(parameters.number(kApproachSpeed), left), parameters.number(kReach)};
   }
-  static AxisSettings moment_axis(const WeightedAxes& axes, const ControlContext& context) {
+  AxisSettings moment_axis(const WeightedAxes& axes, const ControlContext& context) const {
     const ParameterSet& parameters = *context.parameters;
     return {kMomentAxis, gains(parameters, kMomentIntegral, kMomentLimit),
-            parameters.number(kMomentThreshold),
+            parameters.number(kMomentThreshold) + felt_.turning(parameters.number(kHybridMotionShare)),
             std::min(parameters.number(kTurningSpeed), turn_limit(axes, context.contact)),
             parameters.number(kAngularReach)};
   }
@@ -469,6 +477,7 @@ class HybridForce final : public Controllet {
   }
 
   JointVector q_N_;
+  FeltWrench felt_;
   std::array<AxisForce, kAxes> axis_;
   std::array<ForceRoom, 2> room_;       // of forces and of moments
   std::size_t frame_ = 0;               // of the axes that are selected now

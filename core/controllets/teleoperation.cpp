@@ -6,6 +6,7 @@
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/energy_balance.hpp"
 #include "core/controllets/energy_tank.hpp"
+#include "core/controllets/felt_wrench.hpp"
 #include "core/controllets/force_law.hpp"
 #include "core/controllets/teleoperation_channel.hpp"
 #include "core/controllets/teleoperation_descriptor.hpp"
@@ -88,7 +89,10 @@ class Teleoperation final : public Controllet {
     const ParameterSet& parameters = *context.parameters;
     OwnedArm& follower = context.arms[1];
     if (needs_estimate(parameters) && !follower.state->has_wrench_estimate) return LawResult::fault;
-    for (std::size_t i = 0; i < 2; ++i) jumps_[i].start(context.arms[i]);
+    for (std::size_t i = 0; i < 2; ++i) {
+      jumps_[i].start(context.arms[i]);
+      felt_wrench_[i].start(context.arms[i]);
+    }
     const TankLimits limits = tank_limits(parameters);
     for (std::size_t i = 0; i < 2; ++i)
       sides_[i].start(context.arms[i], parameters.number(kTankStart), limits);
@@ -114,6 +118,7 @@ class Teleoperation final : public Controllet {
     for (std::size_t i = 0; i < 2; ++i) {
       if (jumps_[i].jumped(context.arms[i])) return LawResult::fault;
     }
+    for (std::size_t i = 0; i < 2; ++i) felt_wrench_[i].update(context.arms[i], context.dt);
     const TankLimits limits = tank_limits(parameters);
     for (std::size_t i = 0; i < 2; ++i) sides_[i].close(context.arms[i], limits, context.dt);
     turn_clutch(parameters);
@@ -202,7 +207,7 @@ class Teleoperation final : public Controllet {
     back.alignment = aligned_;
     back.X = to_led(follower.terms->X_WE());
     back.V = follower.terms->V_WE().vector;
-    back.F = wrench_at_hand(follower);
+    back.F = felt_wrench_[1].at_E();
     to_leader_.send(back, loss);
     sides_[0].tank.give(-to_leader_.receive(context.time_s, delay, context.dt));
   }
@@ -234,10 +239,6 @@ class Teleoperation final : public Controllet {
   }
   Pose from_led(const Pose& X) const { return {X.rotation * R_offset_, X.position + p_offset_}; }
   Pose to_led(const Pose& X) const { return {X.rotation * R_offset_.transpose(), X.position - p_offset_}; }
-
-  static Vector6 wrench_at_hand(const OwnedArm& arm) {
-    return arm.state->has_wrench_estimate ? wrench_about_E(arm) : Vector6(Vector6::Zero());
-  }
 
   LawResult follow(ControlContext& context, const TankLimits& limits) {
     OwnedArm& arm = context.arms[1];
@@ -323,11 +324,13 @@ class Teleoperation final : public Controllet {
   // A leader that the follower drives without resistance is not held by a person: its clutch opens. A person
   // who leads is ahead of the follower, so the coupling resists the motion.
   void attend(const OwnedArm& arm, const Vector6& drive, bool coupled, double dt) {
-    constexpr double kMoves = 0.05, kDrives = 2, kResists = 3, kLongest = 0.5;  // [m/s], [N], [N], [s]
+    constexpr double kMoves = 0.05, kDrives = 2, kResists = 6, kLongest = 0.5;  // [m/s], [N], [N], [s]
     const Vector3 v = arm.terms->V_WE().linear();
     const double speed = v.norm();
     const bool driven = coupled && speed > kMoves && drive.head<3>().dot(v) > kDrives * speed;
-    const bool free = arm.state->has_wrench_estimate && wrench_at_hand(arm).head<3>().norm() < kResists;
+    const FeltWrench& felt = felt_wrench_[0];
+    const bool free =
+        arm.state->has_wrench_estimate && felt.at_E().head<3>().norm() < kResists + felt.motion(1);
     driven_s_ = driven && free ? driven_s_ + dt : 0;
     if (driven_s_ > kLongest) unattended_ = true;
   }
@@ -417,6 +420,7 @@ class Teleoperation final : public Controllet {
   std::array<Side, 2> sides_;
   TeleoperationChannel to_follower_, to_leader_;
   std::array<JumpDetector, 2> jumps_;
+  std::array<FeltWrench, 2> felt_wrench_;
   LedPose led_;            // the leader's side
   FollowingPose follows_;  // the follower's side
   JointVector q_N_;

@@ -6,6 +6,7 @@
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/energy_balance.hpp"
 #include "core/controllets/energy_tank.hpp"
+#include "core/controllets/felt_wrench.hpp"
 #include "core/controllets/force_law.hpp"
 #include "core/controllets/ufic_axes.hpp"
 
@@ -70,7 +71,8 @@ class Ufic final : public Controllet {
             output_at<kAxesForce + 3, 3>("axes_moment_nm", "Its moment."),
             output_at<kAxesContact, 6>("axes_in_contact",
                                        "1 for each selected axis along which contact is detected."),
-            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc)),
+            output_at<kStiffnessShare>("stiffness_share", kStiffnessShareDoc),
+            output_at<kTare>("tare", FeltWrench::kTareDoc)),
         .presets = {paper_preset({{"force_proportional", {1}},
                                   {"force_derivative_s", {0.05}},
                                   {"force_integral_per_s", {0.25}},
@@ -89,6 +91,7 @@ class Ufic final : public Controllet {
       return LawResult::fault;  // without an estimate the force has no feedback
     const ParameterSet& parameters = *context.parameters;
     q_N_ = arm.q();
+    felt_.start(arm);
     p_c_ = arm.terms->X_WE().position;
     direction_.start(parameters.vector3(kPressDirection));
     start_direction();
@@ -134,9 +137,12 @@ class Ufic final : public Controllet {
     if (gains.coriolis_feedforward) feedforward += s * terms.task_coriolis(target.V_d.vector);
     Vector6 opposing = D * V;
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
-    const ForceSettings settings = force_settings(parameters, kForceGroup);
-    const Vector6 F_d6 = context.inputs[kWrench].vector();
-    const Vector6 F_hat6 = wrench_about_E(arm);
+    felt_.update(arm, context.dt);
+    ForceSettings settings = force_settings(parameters, kForceGroup);
+    settings.contact_threshold += felt_.motion(settings.motion_share);
+    Vector6 F_d6 = context.inputs[kWrench].vector();
+    if (felt_.waits()) F_d6 *= 0;  // not a number remains one
+    const Vector6& F_hat6 = felt_.at_E();
     const Vector3 F_d = F_d6.head<3>(), F_hat = F_hat6.head<3>(), v = V.head<3>();
     if (!F_d6.allFinite() || !F_hat6.allFinite())
       return LawResult::fault;  // clamping would hide an invalid value
@@ -170,7 +176,8 @@ class Ufic final : public Controllet {
                                 .D = D,
                                 .X_WE = terms.X_WE(),
                                 .alpha_f = alpha_f_,
-                                .bounds = context.contact},
+                                .bounds = context.contact,
+                                .turning = felt_.turning(settings.motion_share)},
                                context.dt);
     if (axes_.weight() >= 1) start_direction();  // restarts when no axis is selected any more
     force.scale(of_n);
@@ -247,6 +254,7 @@ class Ufic final : public Controllet {
     kAxesForce = kError + 6,
     kAxesContact = kAxesForce + 6,
     kStiffnessShare = kAxesContact + 6,
+    kTare,
     kOutputCount
   };
 
@@ -394,6 +402,7 @@ class Ufic final : public Controllet {
     out[kEstimated] = force.estimated;
     out[kCommand] = force.command;
     out[kInContact] = detector_.in_contact();
+    out[kTare] = static_cast<double>(felt_.tare());
     balance_.show(out.subspan(kTankOutputs), context.arms,
                   {gamma_, alpha_f_, spring_.scale, spring_.energy, set_point_work}, context.dt);
     std::copy_n(force.across.data(), 3, out.begin() + kAcross);
@@ -406,6 +415,7 @@ class Ufic final : public Controllet {
   Vector3 p_c_ = Vector3::Zero();  // x_c: last point of contact of the tool
   bool touched_ = false;
   double gamma_ = 0, alpha_f_ = 0;
+  FeltWrench felt_;
   ForceDirection direction_;
   ContactDetector detector_;
   ForceLoop loop_;

@@ -33,13 +33,12 @@ SpecsAt<ParameterSpec, 0, kUficAxesParameterCount> ufic_axes_parameters() {
                                   .initial = {3},
                                   .max = 5,
                                   .doc = "Limit of the integral part of a moment."}),
-      parameter_at<kMomentThreshold>(
-          {.name = "moment_threshold_nm",
-           .unit = "N m",
-           .initial = {0.5},
-           .min = 0.1,
-           .max = 10,
-           .doc = "Estimated moment that counts as contact; contact is lost below half of it."}),
+      parameter_at<kMomentThreshold>({.name = "moment_threshold_nm",
+                                      .unit = "N m",
+                                      .initial = {kMomentThresholdNm},
+                                      .min = 0.1,
+                                      .max = 10,
+                                      .doc = kMomentThresholdDoc}),
       parameter_at<kMomentReach>({.name = "phi_max_rad",
                                   .unit = "rad",
                                   .initial = {0.1},
@@ -170,7 +169,7 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
   turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = R_.transpose();
   const Matrix6 D = turn * world.D * turn.transpose();
   const Instant now{in_frame(world.F_d), in_frame(world.F_hat), in_frame(world.V), in_frame(world.pull), D,
-                    world.X_WE,          world.alpha_f,         world.bounds};
+                    world.X_WE,          world.alpha_f,         world.bounds,      world.turning};
   ForceGains moments = settings.gains;
   moments.integral_per_s = parameters.number(first + kMomentIntegral);
   moments.integral_limit_n = parameters.number(first + kMomentLimit);
@@ -208,9 +207,9 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
       const double turned = log_rotation(now.X_WE.rotation * axis.touched_at.rotation.transpose()).norm();
       shape *= contact_shape(turned, parameters.number(first + kMomentReach));
     }
-    const double f =
-        moment ? update(i, moments, parameters.number(first + kMomentThreshold), shape, limits, law, now, dt)
-               : update(i, forces, settings.contact_threshold, shape, limits, law, now, dt);
+    const double f = moment ? update(i, moments, parameters.number(first + kMomentThreshold) + now.turning,
+                                     shape, limits, law, now, dt)
+                            : update(i, forces, settings.contact_threshold, shape, limits, law, now, dt);
     // f contains sigma, and so does its slope: fading axes that share a joint share its bound, too.
     F[k] = f * share_at_axis_speed(f, f < 0 ? -now.V[k] : now.V[k], limit, sigma_[k] * steepest);
   }

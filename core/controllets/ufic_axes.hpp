@@ -57,6 +57,7 @@ class UficAxes {
     const Pose& X_WE;
     double alpha_f;  // valve of the force tank
     const ContactBounds& bounds;
+    double turning = 0;  // what motion adds to the threshold of moments [N m]
   };
   // F, all in world axes.
   Vector6 update(const ForceSettings& settings, ValveLaw law, double reach, const ParameterSet& parameters,

@@ -30,6 +30,8 @@ Sums sums_of(const Case& of) {
   rig.state(0).has_wrench_estimate = true;
   rig.state(0).tau_J_d = joint_constant(7, 0);
   if (of.bounded) rig.bound({});
+  rig.set("contact_threshold_n", {2});
+  rig.set("contact_motion_share", {0});
   rig.set("valve_law", {of.valve_law});
   rig.set("force_feedback", {of.force_feedback});
   rig.set("tank_start_j", {of.tank_start_j});

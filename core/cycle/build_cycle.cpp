@@ -98,8 +98,10 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
     const std::string weight = weight_on_an_axis(*config.arms[arm].model, safety_.limits(arm).joints.tau_max);
     if (!weight.empty()) throw std::invalid_argument(weight);
     check_mount(config, backend, arm);
-    observers_.emplace_back(config.arms[arm].model->joint_count());
-    if (!backend.capabilities(arm).has_external_torque) observed_ |= ArmSet::of(arm);
+    const double hz = config.arms[arm].observer_hz;
+    observers_.emplace_back(config.arms[arm].model->joint_count(),
+                            hz > 0 ? hz : ExternalForceObserver::kBandwidth);
+    if (hz > 0 || !backend.capabilities(arm).has_external_torque) observed_ |= ArmSet::of(arm);
   }
   for (ArmIndex arm = 0; arm < mounts_.size(); ++arm) {
     if (mounts_[arm]) data_.terms[mounts_[arm]->carrier].carry(data_.terms[arm], mounts_[arm]->joint);

@@ -140,6 +140,12 @@ TEST(BuildCycle, EstimatesForcesWhereTheBackendDoesNotAndNeverCompensatesFrictio
     const std::string_view why = hold.feature_refusal(hold.find_feature("friction_compensation"));
     EXPECT_EQ(why.empty(), arm == 1) << why;
   }
+  // Where the scene requests the observer, the backend's own does not count.
+  CycleConfig config = arms.config();
+  config.arms[0].observer_hz = 10;
+  ControlCycle observed(config, Registry::with_builtins(), arms);
+  observed.step(arms.wait());
+  EXPECT_TRUE(observed.data().state[0].has_wrench_estimate);
 }
 
 TEST(BuildCycle, TellsTheBackendWhichCommandsCount) {

@@ -22,6 +22,8 @@ struct CycleConfig {
     std::shared_ptr<const ArmModel> model;
     SafetyLimits safety;
     std::optional<BaseMount> mount = {};  // of an arm that stands on another one
+    double observer_hz =
+        0;  // of the observer, also in place of the backend's estimate; 0: only where it has none
   };
   std::vector<Arm> arms;  // the arms of the backend, in its order
   std::vector<InstanceConfig> controllets;

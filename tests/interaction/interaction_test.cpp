@@ -48,7 +48,7 @@ TEST(Interaction, Task3FollowsTheSinusoid) {
         EXPECT_LE(figures.force_rms, realistic ? 0.4 : 0.3) << what;
         EXPECT_LE(figures.force_max, realistic ? 2.0 : 1.5) << what;
         if (stiffness >= 1e4) {
-          EXPECT_LE(figures.peak, stiffness > 1e4 ? 16 : 6) << what;
+          EXPECT_LE(figures.peak, stiffness > 1e4 ? 16 : 7) << what;
         }
       }
     }
@@ -113,6 +113,32 @@ TEST(Interaction, SpeedStaysLowWhenTheTableVanishes) {
   // The paper's valve with full tanks does not bound the drop; gamma does.
   const LossFigures paper = loss_figures("task_4", 30, [](Scene& scene) { set(scene, "valve_law", {1}); });
   EXPECT_GT(paper.drop, 0.040);
+}
+
+// With the bias, friction and lag of a real arm's estimate. Without a tare and allowance for motion forces
+// were wrong by 2.6 N, and `force` went on for 0.3 m with the whole force once the table had vanished.
+TEST(Interaction, RealEstimatesKeepTasksAndNoticeThatTheTableVanishes) {
+  const PlantFidelity plant = PlantFidelity::realistic_sensors();
+  test::Series series;
+  for (std::uint64_t seed = 1; seed <= kSeeds; ++seed) {
+    for (const char* task : {"task_3", "task_4"}) {
+      if (!series.takes(seed == 1)) continue;
+      const std::string what = std::string(task) + ", seed " + std::to_string(seed);
+      const TaskFigures figures = task_figures(task, plant, {1e4, 0.3, 0.3}, seeded(seed));
+      record(series, figures);
+      EXPECT_TRUE(figures.good) << what;
+      EXPECT_EQ(figures.interventions, 0u) << what;
+      EXPECT_LE(figures.force_rms, 1.2) << what;
+      const LossFigures loss = loss_figures(task, 30, [&](Scene& scene) {
+        scene.plant = plant;
+        scene.seed = seed;
+      });
+      EXPECT_NEAR(loss.pressed, 30, 2) << what;
+      EXPECT_LE(loss.speed, 0.25) << what;
+      EXPECT_LE(loss.drop, 0.09) << what;
+      EXPECT_EQ(loss.interventions, 0u) << what;
+    }
+  }
 }
 
 // Through contact loss, moving walls and jumping set-points, with tanks nearly empty and full.

@@ -36,7 +36,8 @@ int main(int argc, char** argv) {
   PlantFidelity stiction = PlantFidelity::ideal();
   stiction.name = "stiction";
   stiction.stiction_nm = 0.3;
-  const std::vector<PlantFidelity> plants{PlantFidelity::ideal(), PlantFidelity::realistic()};
+  const std::vector<PlantFidelity> plants{PlantFidelity::ideal(), PlantFidelity::realistic(),
+                                          PlantFidelity::realistic_sensors()};
   if (arguments.has("task_3")) {
     head("Task 3: 0-30-0 N in 10 s");
     for (const auto& plant : plants) {
@@ -95,6 +96,12 @@ int main(int argc, char** argv) {
       std::fflush(stdout);
     };
     for (const double force : {9.81, 30.0}) {
+      for (const char* task : {"task_3", "task_4"}) {
+        line(task, "sensors", force, loss_figures(task, force, [&](Scene& scene) {
+               scene.plant = PlantFidelity::realistic_sensors();
+               apply(arguments, scene);
+             }));
+      }
       line("task_4", "default", force, loss_figures("task_4", force, change));
       line("task_4", "paper", force, loss_figures("task_4", force, [&](Scene& scene) {
              paper_preset(scene);

@@ -47,7 +47,8 @@ void write_trace(const std::string& file, const Run& result) {
 
 int main(int argc, char** argv) {
   const TrialArguments arguments = parse_arguments(argc, argv);
-  const std::vector<PlantFidelity> plants{PlantFidelity::ideal(), PlantFidelity::realistic()};
+  const std::vector<PlantFidelity> plants{PlantFidelity::ideal(), PlantFidelity::realistic(),
+                                          PlantFidelity::realistic_sensors()};
   const auto scene_on = [&](const PlantFidelity& plant) {
     Scene scene = task();
     scene.plant = plant;

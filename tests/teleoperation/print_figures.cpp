@@ -9,7 +9,8 @@
 int main() {
   using namespace multipanda;
   using namespace multipanda::teleoperation;
-  const PlantFidelity plants[] = {PlantFidelity::ideal(), PlantFidelity::realistic()};
+  const PlantFidelity plants[] = {PlantFidelity::ideal(), PlantFidelity::realistic(),
+                                  PlantFidelity::realistic_sensors()};
   fmt::print("followers\n");
   for (const auto& plant : plants) {
     const PairsOutcome found = run(Pairs{.laws = {"joint_follower", "pose_follower"}, .plant = plant});

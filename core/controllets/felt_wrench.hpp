@@ -1,0 +1,63 @@
+#pragma once
+
+#include <limits>
+
+#include "core/controllets/controllet.hpp"
+#include "core/controllets/force_law.hpp"
+
+namespace multipanda {
+
+// The wrench that an arm exerts, as a law may believe it, and how far motion may have made it wrong. All
+// figures are those of real arms (docs/forces.md).
+//
+// Tare. Sensors and model leave a bias b in the estimated joint torques: up to 0.75 N m per joint at rest, 1
+// to 2.4 N at the hand. b is their mean from kSettling to kTaking after the start, if the arm was at rest all
+// that time and b is no larger than a bias may be:
+//   |dq_i| < kRest,   |b_i| < kMostTorque,   |f(b)| < kMostForce        F = F_hat - (J J^T)^-1 J b
+// at K. What is larger is a contact or an undeclared load: it stays felt, bias included. A contact of less
+// than kMostForce at the start is no longer felt: the law then presses harder than it says by that much, and
+// no more. Desired forces and contact wait meanwhile.
+//
+// Motion. Friction behind the sensors and a wrong inertia look like forces. A force counts as contact above
+//   threshold + motion(),   motion() = kPerSpeed |v| + kPerAcceleration |a|
+// v of E, a its low-passed change. Over 19 s of free motion of a Research 3, up to 0.35 m/s and 1.4 m/s^2,
+// 6 N + motion() is never exceeded, and half of it, below which contact is lost, in no axis at any time; half
+// of 6 N alone is in a third of the time, so that an arm that was let go would go on pressing. Pandas show 10
+// N at 0.25 m/s and 20 N above 1 m/s^2. For moments: the same at a lever of kLever.
+// Loop thread, no allocation.
+class FeltWrench {
+ public:
+  enum class Tare : std::uint8_t { taking, taken, moved, too_large };
+  static constexpr const char* kTareDoc =
+      "0 while the bias of the estimate is measured, 1 taken, 2 not taken: the arm moved, 3 not taken: more "
+      "than a bias, so the arm touches something or bears an undeclared load.";
+  static constexpr double kSettling = 0.1, kTaking = 0.2;         // [s]
+  static constexpr double kRest = 0.02;                           // [rad/s]
+  static constexpr double kMostTorque = 1.0, kMostForce = 4.0;    // [N m], [N]
+  static constexpr double kPerSpeed = 20, kPerAcceleration = 10;  // [N s/m], [N s^2/m]
+  static constexpr double kCutoff = 4;                            // of a, as late as the estimate [Hz]
+  static constexpr double kLever = 0.25;                          // [m]
+
+  void start(const OwnedArm& arm);
+  // Once per tick, before the others.
+  void update(const OwnedArm& arm, double dt);
+  Tare tare() const { return tare_; }
+  bool waits() const { return tare_ == Tare::taking; }
+  const Vector6& at_E() const { return F_; }  // world axes [N, N m]
+  // What motion adds to a threshold, for the share of it that counts; infinite while the tare is taken.
+  double motion(double share) const {  // [N]
+    return waits() ? std::numeric_limits<double>::infinity() : share * motion_n_;
+  }
+  double turning(double share) const { return kLever * motion(share); }  // [N m]
+
+ private:
+  void take(const OwnedArm& arm, double dt);
+
+  Tare tare_ = Tare::taking;
+  JointVector bias_;  // [N m] (n x 1)
+  double age_ = 0, summed_ = 0, motion_n_ = 0;
+  LowPass<Vector3> velocity_;
+  Vector6 F_ = Vector6::Zero();
+};
+
+}  // namespace multipanda
