@@ -160,6 +160,25 @@ class Words(Calls):
         ):
             self.assertRegex(shown, re.compile(line, re.M))
 
+    def test_stiffness_that_an_arm_does_not_bear_is_named(self):
+        scene = self.folder / "bare.yaml"
+        arms = "arms: [{{name: a, model: fr3, hand: {0}, start_rad: ready}}, {{name: b, model: fr3, hand: {0}, "
+        arms += "start_rad: ready, base: {{position_m: [0, 0.4, 0]}}}}]\ncontrollets:\n"
+        laws = "  - {name: pair, type: coupled_dual_cartesian_impedance, arms: [a, b]}\n"
+        laws += (
+            "  - {name: soft, type: cartesian_impedance, arms: a, parameters: {rotational_stiffness_nm_per_rad: 1}}\n"
+        )
+        scene.write_text("duration_s: 0.01\n" + arms.format("false") + laws)
+        for command in (("check",), ("run", "--fast")):
+            said = self.answer(*command, scene)
+            (line,) = [line for line in (said.stdout + said.stderr).splitlines() if "warning" in line]
+            share = float(re.search(r"controllet 'pair' has (\S+) of the stiffness .* a, b bear no more", line)[1])
+            self.assertLess(share, 0.2)
+            self.assertIn("lower rotational_stiffness_nm_per_rad, relative_rotational_stiffness", line)
+            self.assertNotIn("translational", line)
+        scene.write_text("duration_s: 0.01\n" + arms.format("true") + laws)
+        self.assertNotIn("warning", self.answer("check", scene).stdout)
+
     def test_friction_of_a_urdf_is_named_where_it_is_left_out(self):
         link = (
             "<link name='{}'><inertial><mass value='1'/>"
