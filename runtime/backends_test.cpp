@@ -179,8 +179,29 @@ TEST(RealArms, AreNotRunAsFastAsPossible) {
   EXPECT_EQ(refusal("172.16.0.2", true), "");
 }
 
-// The loop alone is scheduled in real time and pinned; the arms' world and the client's helpers are not.
-TEST(VirtualBackend, ItsThreadsAreOrdinary) {
+// Its states come in time, as those of real arms do, while others use every core several times over.
+TEST(VirtualBackend, KeepsItsTimeBesideABusyComputer) {
+  const sched_param priority{.sched_priority = 1};
+  if (sched_setscheduler(0, SCHED_FIFO, &priority) != 0) GTEST_SKIP() << "SCHED_FIFO is not permitted here";
+  const sched_param ordinary{.sched_priority = 0};
+  ASSERT_EQ(sched_setscheduler(0, SCHED_OTHER, &ordinary), 0);
+  std::vector<std::jthread> busy;
+  for (unsigned k = 0; k < 6 * std::thread::hardware_concurrency(); ++k)
+    busy.emplace_back([](const std::stop_token& stop) {
+      while (!stop.stop_requested()) {
+      }
+    });
+  Session session(two_arms(kMotion), registry(),
+                  {.paced = true, .backend = {.kind = BackendKind::virtual_arms}, .duration_s = 5});
+  session.start();
+  while (!session.wait_for_end(0.1)) {
+  }
+  EXPECT_THAT(session.finish().faults(), ElementsAre());
+}
+
+// The loop is scheduled in real time and pinned; in lock-step, where it waits for them, the arms' world and
+// the client's helpers are not.
+TEST(VirtualBackend, ItsThreadsAreOrdinaryInLockStep) {
   cpu_set_t allowed;
   ASSERT_EQ(sched_getaffinity(0, sizeof(allowed), &allowed), 0);
   if (CPU_COUNT(&allowed) < 2) GTEST_SKIP() << "one core only: all threads are pinned to it";

@@ -160,6 +160,25 @@ class Words(Calls):
         ):
             self.assertRegex(shown, re.compile(line, re.M))
 
+    def test_stiffness_that_an_arm_does_not_bear_is_named(self):
+        scene = self.folder / "bare.yaml"
+        arms = "arms: [{{name: a, model: fr3, hand: {0}, start_rad: ready}}, {{name: b, model: fr3, hand: {0}, "
+        arms += "start_rad: ready, base: {{position_m: [0, 0.4, 0]}}}}]\ncontrollets:\n"
+        laws = "  - {name: pair, type: coupled_dual_cartesian_impedance, arms: [a, b]}\n"
+        laws += "  - {name: hard, type: cartesian_impedance, arms: a}\n"
+        laws += "  - {name: soft, type: cartesian_impedance, arms: a, "
+        laws += "parameters: {rotational_stiffness_nm_per_rad: 1}}\n"
+        scene.write_text("duration_s: 0.01\n" + arms.format("false") + laws)
+        for command in (("check",), ("run", "--fast")):
+            said = self.answer(*command, scene)
+            pair, hard = [line for line in (said.stdout + said.stderr).splitlines() if "warning" in line]
+            share = float(re.search(r"controllet 'pair' has (\S+) of the stiffness .* a, b bear no more", pair)[1])
+            self.assertLess(share, 0.2)
+            self.assertIn("relative_rotational_stiffness_nm_per_rad", pair)
+            self.assertRegex(hard, "controllet 'hard' .* lower rotational_stiffness_nm_per_rad, or declare the hand")
+        scene.write_text("duration_s: 0.01\n" + arms.format("true") + laws)
+        self.assertNotIn("warning", self.answer("check", scene).stdout)
+
     def test_friction_of_a_urdf_is_named_where_it_is_left_out(self):
         link = (
             "<link name='{}'><inertial><mass value='1'/>"

@@ -112,10 +112,10 @@ void Clients::send_hello(Page& page, const json& id) {
 
 void Clients::leave(Hub::Client& client) {
   const std::lock_guard lock(mutex_);
-  const bool held = control_.held_by(client.id());
+  if (control_.held_by(client.id()) && hold_.begun())
+    end_hold("the page in control has disconnected", client.id());
   control_.leave(client.id());
   std::erase_if(pages_, [&](const Page& page) { return page.client == &client; });
-  if (held && hold_.begun()) end_hold("the page in control has disconnected", client.id());
   send_control();
 }
 
@@ -123,6 +123,18 @@ void Clients::leave(Hub::Client& client) {
 
 bool Clients::is_urgent(const std::string& message) const {
   return message.find("stop") != std::string::npos && is_stop(json::parse(message, nullptr, false));
+}
+
+// A switch to hold, which needs no hand on a button.
+bool Clients::outlasts(const std::string& message) {
+  const std::lock_guard lock(mutex_);
+  const json request = json::parse(message, nullptr, false);
+  if (!source_ || !request.is_object() || request.value("do", json()) != "switch") return false;
+  try {
+    return !source_->moves(request);
+  } catch (const RequestRefused&) {
+    return false;
+  }
 }
 
 void Clients::take(Hub::Client& client, const json& message, HostTime arrived) {
@@ -220,11 +232,11 @@ void Clients::take_request(Page& page, const json& message, const json& id, Host
   }
 }
 
-// Requests without an id, such as samples of a stream, are answered only if refused.
+// Requests without an id, such as samples of a stream, are answered only if there is something to say.
 void Clients::finish(Page& page, const Pending& request, Reply reply) {
   const bool ok = reply.answer.value("ok", false);
   if (ok && request.word == "resume" && !source_->is_stopped()) resumed_ = request.stops;
-  if (ok && request.id.is_null()) return;
+  if (ok && request.id.is_null() && !reply.answer.contains("message")) return;
   answer(*page.client, std::move(reply.answer), request.id);
   if (!reply.numbers.empty()) page.client->send_numbers(reply.numbers);
 }

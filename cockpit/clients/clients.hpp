@@ -30,6 +30,7 @@ class Clients final : public Hub::Handler {
 
   void join(Hub::Client& client, const nlohmann::json& id) override;
   bool is_urgent(const std::string& message) const override;
+  bool outlasts(const std::string& message) override;
   void take(Hub::Client& client, const nlohmann::json& message, HostTime arrived) override;
   void leave(Hub::Client& client) override;
   std::chrono::nanoseconds turn(HostTime now) override;

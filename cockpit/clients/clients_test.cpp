@@ -93,7 +93,9 @@ class TestSource final : public Source {
         return Reply{.answer = {{"ok", true}}, .numbers = {}};
       });
     }
-    return Reply{.answer = {{"ok", true}}, .numbers = {}};
+    json answer = {{"ok", true}};
+    if (request.contains("message")) answer["message"] = request["message"];
+    return Reply{.answer = std::move(answer), .numbers = {}};
   }
   bool is_stopped() const override { return stopped; }
   std::string come_to_rest(bool hold) override {
@@ -174,6 +176,24 @@ TEST_F(ClientsTest, RequestsWithoutAnIdAreAnsweredOnlyIfRefused) {
   EXPECT_EQ(std::count_if(news, first_.messages.end(), is_answer), 0);
   take(first_, {{"do", "switch"}, {"refuse", true}});
   EXPECT_EQ(first_.messages.back()["verdict"], "out_of_bounds");
+}
+
+// It has no id, and something was wrong with it.
+TEST_F(ClientsTest, AStopSaysWhatWasWrong) {
+  const std::size_t before = first_.messages.size();
+  take(first_, {{"do", "stop"}, {"message", "no arm 'lft': all arms are stopped"}});
+  ASSERT_EQ(first_.messages.size(), before + 1);
+  EXPECT_THAT(first_.messages.back().value("message", ""), testing::HasSubstr("lft"));
+}
+
+// Only what needs no hand on a button.
+TEST_F(ClientsTest, ASwitchToHoldOutlastsItsPage) {
+  EXPECT_TRUE(clients_.outlasts(R"({"do":"switch"})"));
+  for (const char* text : {R"({"do":"switch","moves":1})", R"({"do":"switch","malformed":1})", "switch", "[]",
+                           R"({"do":"wait"})", R"({"do":"reference"})"})
+    EXPECT_FALSE(clients_.outlasts(text)) << text;
+  clients_.show(nullptr);
+  EXPECT_FALSE(clients_.outlasts(R"({"do":"switch"})"));
 }
 
 TEST_F(ClientsTest, MotionNeedsAHold) {

@@ -193,6 +193,14 @@ TEST_F(HeldChanges, AGripperStopsWhenItIsLetGo) {
   EXPECT_GT(stopped, 0.02);
 }
 
+// Whose page is gone before the loop has taken it.
+TEST_F(HeldChanges, ASwitchToHoldCountsWithoutItsPage) {
+  run("two_arms");
+  activate("left_joint");
+  (void)source_->ask({{"do", "switch"}, {"deactivate", "left_joint"}}, host_now());  // no longer asked for
+  until([&] { return owner() == "left_hold"; });
+}
+
 TEST_F(HeldChanges, SuctionStopsWhenItIsLetGo) {
   run("grippers");
   activate("right_pose");

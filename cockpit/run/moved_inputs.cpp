@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "runtime/live_input/request_handler.hpp"
+
 namespace multipanda::cockpit {
 namespace {
 
@@ -121,16 +123,8 @@ InstanceSet MovedInputs::come_to_rest(const RecordReader& records, bool deactiva
     if (deactivate || !(instance.descriptor().guided || stands_still(instance, record, records)))
       ending |= bit(index);
   }
-  if (ending == 0) return 0;
-  Request request{.kind = Request::Kind::switch_controllets};
-  request.deactivate = ending;
-  std::uint64_t ticket = 0;
-  const InstanceSet ended = deactivate ? 0 : ending & active;
-  if (modes_.post(std::span(&request, 1), ticket) == Verdict::accepted) return ended;
-  for (InstanceIndex i = 0; i < modes_.instance_count(); ++i) {
-    if ((ending & bit(i)) != 0) modes_.stop(modes_.instance(i).arms());
-  }
-  return ended;
+  if (ending != 0) end_or_stop(modes_, ending);
+  return deactivate ? 0 : ending & active;
 }
 
 }  // namespace multipanda::cockpit

@@ -162,10 +162,9 @@ bool RunSource::moves(const json& request) const {
 }
 
 bool RunSource::moves(const Request& request) const {
-  const MultimodeController& modes = session_.modes();
   switch (request.kind) {
-    case Request::Kind::switch_controllets:  // to a hold: no
-      return (request.activate >> modes.arm_count()) != 0;
+    case Request::Kind::switch_controllets:
+      return !handler_.only_holds(request);
     case Request::Kind::set_parameter:
       return moves_parameter(request);
     case Request::Kind::set_feature:
@@ -226,7 +225,7 @@ void RunSource::note_moved(const json& request, const std::shared_ptr<RequestHan
     const ArmIndex arm = handler_.arm(request.at("arm").get<std::string>());
     if (word == "gripper" || word == "vacuum") {
       not_stopped_.erase(arm);
-      gripping_.push_back({arm, word == "gripper" ? GripperRequest(GripperStop{}) : VacuumStop{}, pending});
+      gripping_.emplace_back(arm, pending);
     } else {
       note(modes.owner(arm));
     }
@@ -242,11 +241,8 @@ void RunSource::note_moved(const json& request, const std::shared_ptr<RequestHan
 }
 
 std::string RunSource::come_to_rest(bool hold) {
-  for (const auto& [arm, stop, pending] : std::exchange(gripping_, {})) {
-    const auto& answer = pending->answer;
-    if (!answer.valid() || answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready) continue;
-    handler_.abandon(*pending);  // if it has not begun
-    stopping_.emplace_back(arm, session_.backend().request(arm, stop));
+  for (const auto& [arm, pending] : std::exchange(gripping_, {})) {
+    if (auto stop = handler_.abandon(*pending); stop.valid()) stopping_.emplace_back(arm, std::move(stop));
   }
   const InstanceSet ended = moved_.come_to_rest(records_.reader(), hold);
   const std::string refused = look_at_stops();

@@ -55,13 +55,8 @@ class RunSource final : public Source {
   RecordView records_;
   StateView view_;
   MovedInputs moved_;
-  // Motions of grippers that this hold has begun, and what stops them.
-  struct Gripping {
-    ArmIndex arm;
-    GripperRequest stop;
-    std::shared_ptr<RequestHandler::Pending> pending;
-  };
-  std::vector<Gripping> gripping_;
+  // Motions of grippers that this hold has begun.
+  std::vector<std::pair<ArmIndex, std::shared_ptr<RequestHandler::Pending>>> gripping_;
   std::vector<std::pair<ArmIndex, std::future<RequestAnswer>>> stopping_;
   std::map<ArmIndex, std::string> not_stopped_;  // grippers that refused to stop
   std::uint64_t list_version_ = 1;

@@ -201,8 +201,9 @@ void Hub::take(Frame& frame) {
       peer->written += static_cast<std::size_t>(frame.number);
       return;
     default:
-      peer->left = true;  // its pending requests do not begin
-      peer->waiting.clear();
+      for (const Peer::Waiting& last : std::exchange(peer->waiting, {}))
+        if (handler_.outlasts(last.text)) handler_.take(*peer, parsed(last.text), last.arrived);
+      peer->left = true;
   }
 }
 

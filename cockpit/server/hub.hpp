@@ -56,6 +56,8 @@ class Hub {
     virtual ~Handler() = default;
     virtual void join(Client& client, const nlohmann::json& id) = 0;  // `id`: of its first message
     virtual bool is_urgent(const std::string& /*message*/) const { return false; }
+    // Whether what waits for its turn counts although its client has gone.
+    virtual bool outlasts(const std::string& /*message*/) { return false; }
     // `arrived`: 0 if the page server stalled meanwhile, so that it may be old.
     virtual void take(Client& client, const nlohmann::json& message, HostTime arrived) = 0;
     virtual void leave(Client& client) = 0;

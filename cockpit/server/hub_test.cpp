@@ -21,6 +21,9 @@ using test::Opcode;
 using test::Page;
 using testing::HasSubstr;
 
+const std::string kStop = R"({"do":"stop"})";
+bool is_stop(const json& message) { return message.is_object() && message.value("do", json()) == "stop"; }
+
 // Answers every message with itself; "flood" with many numbers, "close" by closing.
 class Echo final : public Hub::Handler {
  public:
@@ -30,11 +33,11 @@ class Echo final : public Hub::Handler {
   }
   bool is_urgent(const std::string& message) const override {
     ++came;
-    return message == "\"stop\"";
+    return is_stop(json::parse(message));
   }
   void take(Hub::Client& client, const json& message, HostTime when) override {
     arrived = when.ns;
-    if (message == "stop") came_before_stop = came - 1, ++stops;
+    if (is_stop(message)) came_before_stop = came - 1, ++stops;
     if (message == "freeze") {  // and say more than waits for a server
       kill(server, SIGSTOP);
       for (int i = 0; i < 70; ++i) client.send_numbers(std::string(1'000'000, 'x'));
@@ -241,8 +244,8 @@ TEST_F(HubTest, AFullHubTakesAnotherPage) {
   Page more(server->port());
   ASSERT_TRUE(more.open(server->port(), token_));
   ASSERT_TRUE(more.frame());
-  more.say("\"stop\"");
-  EXPECT_EQ(more.message(), R"({"echo":"stop"})");
+  more.say(kStop);
+  EXPECT_EQ(more.message(), R"({"echo":{"do":"stop"}})");
   EXPECT_EQ(std::next(pages.begin())->close_code(), 1008);
   pages.front().say("2");
   EXPECT_EQ(pages.front().message(), R"({"echo":2})");
@@ -258,8 +261,8 @@ TEST_F(HubTest, AStopCountsFromAPageThatMadeRoom) {
   ASSERT_TRUE(more.open(server->port(), token_));
   ASSERT_TRUE(more.frame());
   page.say("1");
-  page.say("\"stop\"");
-  EXPECT_EQ(page.message(), R"({"echo":"stop"})");
+  page.say(kStop);
+  EXPECT_EQ(page.message(), R"({"echo":{"do":"stop"}})");
   EXPECT_EQ(page.close_code(), 1008);
 }
 
@@ -279,7 +282,7 @@ TEST_F(HubTest, AFloodKeepsNoStopOfAnotherPageWaiting) {
   for (int i = 0; i < kFlood; ++i) all += test::client_frame(Opcode::text, "1");
   ASSERT_EQ(kill(server->server(), SIGSTOP), 0);
   flood.send(all);
-  other.say("\"stop\"");
+  other.say(kStop);
   ASSERT_EQ(kill(server->server(), SIGCONT), 0);
   while (echo_.stops < 1) std::this_thread::yield();
   EXPECT_LT(echo_.came_before_stop, kFlood / 3);
@@ -292,9 +295,36 @@ TEST_F(HubTest, AStopCountsBeyondTheLimits) {
   ASSERT_TRUE(page.open(server->port(), token_));
   std::string all;
   for (int i = 0; i < 500; ++i) all += test::client_frame(Opcode::text, "1");
-  page.send(all + test::client_frame(Opcode::text, "\"stop\""));
+  page.send(all + test::client_frame(Opcode::text, kStop));
   EXPECT_EQ(page.close_code(), 1008);
   while (echo_.stops < 1) std::this_thread::yield();
+}
+
+// A NaN of Python's json, a comma too many, an end that was lost, a list, bytes in place of a text.
+TEST_F(HubTest, WhateverSaysStopIsOne) {
+  const auto server = hub();
+  Page page(server->port());
+  ASSERT_TRUE(page.open(server->port(), token_));
+  page.frame();
+  const auto heard = [&] { return json::parse(page.message())["echo"]; };
+  for (const char* text :
+       {R"({"do":"stop","time":NaN})", R"({"id":1,"do":"stop",})", R"({"id":1,"do":"stop")",
+        R"([{"do":"stop"}])", R"("stop")", "{'do': 'Stop'}", "STOP!"}) {
+    page.say(text);
+    const json message = heard();
+    EXPECT_TRUE(is_stop(message)) << text;
+    EXPECT_TRUE(message.contains("this message, which is not a JSON object")) << text;
+  }
+  page.say(R"({"do":" Stop ","id":1})");
+  EXPECT_EQ(heard(), (json{{"do", "stop"}, {"id", 1}}));
+  for (const char* text : {"nonstop", "[\"stopped\"]", "one_stop"}) {
+    page.say(text);
+    EXPECT_FALSE(is_stop(heard())) << text;
+  }
+  const int before = echo_.stops;
+  page.send(test::client_frame(Opcode::binary, "stop"));
+  EXPECT_EQ(page.close_code(), 1003);
+  EXPECT_EQ(echo_.stops, before + 1);
 }
 
 // Connections that say nothing make room for new ones; clients with the token stay.
@@ -335,14 +365,16 @@ TEST(Connection, TakesTheLastWordsOfWhoIsGone) {
 class Slow final : public Hub::Handler {
  public:
   void join(Hub::Client&, const json&) override {}
-  bool is_urgent(const std::string& message) const override { return message == "\"stop\""; }
+  bool is_urgent(const std::string& message) const override { return message == kStop; }
   void take(Hub::Client&, const json& message, HostTime) override {
-    if (message == "stop") stopped_after = taken_;
+    if (is_stop(message)) stopped_after = taken_;
+    if (message == "hold") ++held;
     const HostTime begun = host_now();
     while (seconds(host_now() - begun) < 2e-3) {
     }
     ++taken_, ++in_turn_;
   }
+  bool outlasts(const std::string& message) override { return message == "\"hold\""; }
   void leave(Hub::Client&) override { left = true; }
   std::chrono::nanoseconds turn(HostTime) override {
     most = std::max(most.load(), std::exchange(in_turn_, 0));
@@ -350,7 +382,7 @@ class Slow final : public Hub::Handler {
     return std::chrono::seconds(1);
   }
 
-  std::atomic<int> most{0}, total{0}, stopped_after{-1};
+  std::atomic<int> most{0}, total{0}, stopped_after{-1}, held{0};
   std::atomic<bool> left{false};
 
  private:
@@ -358,7 +390,7 @@ class Slow final : public Hub::Handler {
 };
 
 // The handler's turn ends holds that are silent, so the messages of a busy client must not keep it waiting.
-// Its own stop overtakes them, and what is left of a client that is gone is not taken.
+// Its own stop overtakes them, and of what is left of a client that is gone, only what outlasts it is taken.
 TEST_F(HubTest, ABusyClientHasItsShareOfATurn) {
   Slow handler;
   const Hub server({.port = 0, .or_any = false, .page = {}, .limits = {}}, handler);
@@ -370,13 +402,14 @@ TEST_F(HubTest, ABusyClientHasItsShareOfATurn) {
     for (int i = 0; i < 100; ++i) all += test::client_frame(Opcode::text, "1");
     page.send(all);
     while (handler.total < 100) std::this_thread::yield();
-    page.send(all + test::client_frame(Opcode::text, "\"stop\""));
+    page.send(all + test::client_frame(Opcode::text, kStop) + test::client_frame(Opcode::text, "\"hold\""));
     while (handler.stopped_after < 0) std::this_thread::yield();
   }
   while (!handler.left) std::this_thread::yield();
   EXPECT_LE(handler.most, 2);  // 1 ms for each client
   EXPECT_LT(handler.stopped_after, 110);
   EXPECT_LT(handler.total, 190);
+  EXPECT_EQ(handler.held, 1);
 }
 
 TEST_F(HubTest, SaysThatItEnds) {

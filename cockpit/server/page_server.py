@@ -63,6 +63,7 @@ NO_PAGE = (
     "Everything else of the cockpit works, for programs too.\n"
 )
 OWN_HOST = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?", re.IGNORECASE)
+SAYS_STOP = re.compile(r"(?<![a-z_])stop(?![a-z_])", re.IGNORECASE)
 GOING_AWAY, UNSUPPORTED, POLICY, TOO_LONG, WRONG_TOKEN = 1001, 1003, 1008, 1009, 4401
 
 
@@ -106,11 +107,18 @@ class Gaps:
 
 
 def canonical(text):
-    """The message as the run reads it; null: it is not valid JSON."""
+    """The message as the run reads it; null: it is not valid JSON. Whatever says stop is one (docs/live_input.md)."""
+    message, good = None, b"null"
     try:
-        return json.dumps(json.loads(text), allow_nan=False, separators=(",", ":")).encode()
+        message = json.loads(text)
+        if isinstance(message, dict) and str(message.get("do")).strip().lower() == "stop":
+            message["do"] = "stop"
+        good = json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
     except (ValueError, RecursionError):
-        return b"null"
+        message = None
+    if not isinstance(message, dict) and SAYS_STOP.search(text):
+        return b'{"do":"stop","this message, which is not a JSON object":true}'
+    return good
 
 
 class Connection(ServerConnection):
@@ -244,12 +252,12 @@ class Server:
 
     async def take(self, client, message):
         client.heard = time.monotonic()
-        if isinstance(message, bytes):
-            return await client.connection.close(UNSUPPORTED, "messages are texts")
-        if not client.over and not client.may_send():
+        is_text = isinstance(message, str)
+        if not client.over and not (is_text and client.may_send()):
             client.over = True
-            self.later(self.close_soon(client, POLICY, "too many messages"))
-        text = canonical(message)
+            why = (POLICY, "too many messages") if is_text else (UNSUPPORTED, "messages are texts")
+            self.later(self.close_soon(client, *why))
+        text = canonical(message if is_text else message.decode(errors="replace"))
         if not client.over or b"stop" in text.lower():
             self.tell(b"U" if client.over else b"M", client.number, self.gaps.arrived(), text)
             await self.run.drain()

@@ -11,10 +11,6 @@ namespace multipanda {
 
 namespace {
 
-Matrix3 axes_of(const ImpedanceGains& gains, const Matrix3& R_W_d) {
-  return gains.axes == StiffnessAxes::end_effector ? R_W_d : Matrix3(Matrix3::Identity());
-}
-
 TaskSpace task_with_motors(ModelTerms& terms) {
   TaskSpace task;
   compute_task_space(terms.J_V_WE(), mass_with_motors(terms), task);
@@ -22,6 +18,10 @@ TaskSpace task_with_motors(ModelTerms& terms) {
 }
 
 }  // namespace
+
+Matrix3 ImpedanceGains::axes_at(const Matrix3& R_W_d) const {
+  return axes == StiffnessAxes::end_effector ? R_W_d : Matrix3(Matrix3::Identity());
+}
 
 TaskStiffness ImpedanceGains::stiffness(const Matrix3& R_W_d) const {
   if (axes == StiffnessAxes::end_effector) {
@@ -31,7 +31,7 @@ TaskStiffness ImpedanceGains::stiffness(const Matrix3& R_W_d) const {
 }
 
 Matrix6 ImpedanceGains::given_damping(const Matrix3& R_W_d) const {
-  return TaskStiffness::along(axes_of(*this, R_W_d),
+  return TaskStiffness::along(axes_at(R_W_d),
                               translational_damping.cwiseMax(kLeastDampingTime * translational_stiffness),
                               rotational_damping.cwiseMax(kLeastDampingTime * rotational_stiffness))
       .matrix();
@@ -78,7 +78,7 @@ Matrix6 ImpedanceGains::coasting(const Matrix3& R_W_d) const {
   const auto none = [](const Vector3& stiffness, double whole) {
     return Vector3(Vector3::Ones() - (stiffness / whole).cwiseMin(1.0));
   };
-  return TaskStiffness::along(axes_of(*this, R_W_d), none(translational_stiffness, kLedFrom),
+  return TaskStiffness::along(axes_at(R_W_d), none(translational_stiffness, kLedFrom),
                               none(rotational_stiffness, kTurnedFrom))
       .matrix();
 }

@@ -44,6 +44,7 @@ struct ImpedanceGains {
   Vector3 rotational_damping = Vector3::Zero();     // [N m s/rad]
   bool coriolis_feedforward = false;                // C_c V_d
 
+  Matrix3 axes_at(const Matrix3& R_W_d) const;          // of the stiffnesses, world axes
   TaskStiffness stiffness(const Matrix3& R_W_d) const;  // world axes, for the set-point's orientation
   // Lowers the stiffnesses of the axes with the fastest modes at E, motors that the model states included,
   // until none is faster than kFastestMode. Returns the smallest share that remains.

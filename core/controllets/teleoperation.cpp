@@ -350,20 +350,16 @@ class Teleoperation final : public Controllet {
     const TeleoperationPacket& packet = to_leader_.newest();
     const double scale = parameters.number(kScale);
     ImpedanceGains gains = impedance_gains(parameters);
-    gains.soften(packet.X.rotation, *leader.terms);
-    const double stiffest = scale * gains.translational_stiffness.maxCoeff();
-    const double turning = gains.rotational_stiffness.maxCoeff(), asked = parameters.number(kForceScale);
-    const double force_scale =
-        std::min({asked, kStiffest / std::max(1.0, stiffest), kStiffestTurning / std::max(1.0, turning)});
-    const TaskStiffness K = gains.stiffness(packet.X.rotation);
-    Matrix6 own = force_scale * K.matrix();
-    own.topLeftCorner<3, 3>() *= scale;
-    for (const Eigen::Index row : {0, 3}) {
-      const Matrix3 block = map_.transpose() * own.block<3, 3>(row, row) * map_;
-      own.block<3, 3>(row, row) = block;
-    }
-    const Vector6 spring = spring_wrench(K, pose_error(packet.X, led_.X()));
-    Coupling coupling{.spring = force_scale * rotated(map_.transpose(), spring),
+    const Matrix3 R = map_.transpose() * gains.axes_at(packet.X.rotation);
+    const double force_scale = parameters.number(kForceScale);
+    gains.translational_stiffness = (force_scale * scale * gains.translational_stiffness).cwiseMin(kStiffest);
+    gains.rotational_stiffness = (force_scale * gains.rotational_stiffness).cwiseMin(kStiffestTurning);
+    gains.axes = StiffnessAxes::end_effector;
+    gains.soften(R, *leader.terms);
+    const Matrix6 own = gains.stiffness(R).matrix();
+    gains.translational_stiffness /= scale;
+    const Vector6 error = rotated(map_.transpose(), pose_error(packet.X, led_.X()));
+    Coupling coupling{.spring = spring_wrench(gains.stiffness(R), error),
                       .D = task_damping(leader.terms->task().Lambda, own, gains.damping_ratio),
                       .V = to_leader_.trust() * rotated(map_.transpose(), packet.V),
                       .R = leader.terms->X_WE().rotation};

@@ -2,6 +2,7 @@
 // the kinematics and dynamics of both arms written independently. Its energy: tests/teleoperation.
 #include <cmath>
 
+#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
 #include "core/controllets/builtins.hpp"
@@ -243,6 +244,37 @@ TEST(Teleoperation, TheLeadersSpringIsNoStiffer) {
   arms.wait(1);
   const double d = (arms.X_WE(0).position - X.position).norm();
   EXPECT_NEAR(arms.wrench(0).head<3>().norm(), 5000 * d, 5 * d);
+}
+
+// Nor faster than what a leader bears: by its own kinematics and dynamics, and how the force at its hand
+// answers to small turns of its joints.
+TEST(Teleoperation, TheLeadersSpringIsNoFasterThanItBears) {
+  for (const double force_scale : {1.0, 3.0}) {
+    for (const double scale : {1.0, 2.0}) {
+      Held arms(32);
+      arms.rig.set("rotational_stiffness_nm_per_rad", {300});
+      arms.rig.set("translational_stiffness_n_per_m", {4000});
+      arms.rig.set("force_scale", {force_scale});
+      arms.rig.set("scale", {scale});
+      ASSERT_EQ(arms.rig.start(), LawResult::ok);
+      arms.wait(0.3);
+      Eigen::MatrixXd K(6, 6), X(6, 6);
+      for (int k = 0; k < 6; ++k) {
+        const JointVector way = arms.draw.joints(7, 2e-4);
+        const Vector6 before = arms.wrench(0);
+        X.col(k) = arms.plain[0].jacobian(arms.q[0]) * way;
+        arms.lead(way, 0.5);
+        arms.wait(0.5);
+        K.col(k) = before - arms.wrench(0);
+      }
+      K = K * inverse(X);
+      const Eigen::MatrixXd J = arms.plain[0].jacobian(arms.q[0]), M = arms.plain[0].mass(arms.q[0]);
+      const Eigen::VectorXcd squared = Eigen::MatrixXd(J * inverse(M) * J.transpose() * K).eigenvalues();
+      const double fastest = std::sqrt(squared.real().maxCoeff());
+      EXPECT_LT(fastest, 1.01 * 150) << force_scale << " " << scale;
+      EXPECT_GT(fastest, 0.5 * 150) << "it is softened no more than it must be";
+    }
+  }
 }
 
 // A jump of either is force on a hand, and energy that nobody supplied.

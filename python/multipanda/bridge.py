@@ -12,7 +12,8 @@ Standard library only. Frames: u32 bytes of the contents, u8 kind, u32 number of
     e  end: the client leaves in order              m  offset in the memory (u64), bytes
 
 If the client leaves otherwise, or nothing comes for silence_s, the arms that it has commanded are held. So they are if
-what comes is late by that: a stop would be, too, behind all that a slow network has not yet brought.
+what comes is late by that: a stop would be, too, behind all that a slow network has not yet brought. The run itself
+holds them, as soon as this program is dead or silent, for it leads their controllets (`lead`, docs/live_input.md).
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ HEADER = struct.Struct("<IBI")
 HEAD_BYTES = 96  # of the shared records (docs/live_input.md)
 MOST_BYTES = 1 << 24  # of a frame
 _UNREAD = 1 << 18  # bytes that wait for a slow connection, from which on records are left out
-_PATIENCE_S = 2  # to hold arms
+_PATIENCE_S = 2  # for the run
+_BEATS = 10  # to the run, in silence_s
 _PINGS = 600  # about the last minute's
 _HUP, _IN, _OUT = select.POLLHUP | select.POLLERR, select.POLLIN, select.POLLOUT
 
@@ -125,7 +127,10 @@ class Bridge:
         self.waiting: dict[int, bytearray] = {}  # for the run, by channel
         self.lines: dict[int, bytearray] = {}  # the begun line of a channel
         self.commanded: set[str] = set()
-        self.told = -1  # clients that receive them
+        self.lead = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.lead.settimeout(_PATIENCE_S)
+        self.lead.connect(path)
+        self.next_beat_s = 0.0
         self.out = bytearray(MAGIC + frame(b"h", 0, path.encode()))
         self.mirror: _Mirror | None = None
         self.heard_s, self.silence_s = time.monotonic(), 10.0
@@ -134,6 +139,7 @@ class Bridge:
 
     def note(self, number: int, data: bytes) -> None:
         """Remembers whom the client commands."""
+        known = len(self.commanded)
         *whole, self.lines[number] = (self.lines[number] + data).split(b"\n")
         for line in whole:
             with contextlib.suppress(ValueError, AttributeError, TypeError):
@@ -141,9 +147,27 @@ class Bridge:
                 named = request.get("activate") if request.get("do") == "switch" else None
                 if request.get("do") in ("reference", "stream"):
                     named = request.get("controllet")
-                for name in ({named} if isinstance(named, str) else set(named or ())) - self.commanded:
-                    self.commanded.add(name)
-                    os.write(self.told, f"{name}\n".encode())
+                names = [named] if isinstance(named, str) else named or ()
+                self.commanded |= {name for name in names if isinstance(name, str)}
+        if len(self.commanded) > known:
+            self.beat()
+
+    def beat(self, **more: int) -> None:
+        """Tells the run that this client lives, and what ends with it."""
+        self.next_beat_s = time.monotonic() + self.silence_s / _BEATS
+        line = {"do": "lead", "controllets": sorted(self.commanded), "silence_s": self.silence_s, **more}
+        try:
+            self.lead.sendall(json.dumps(line).encode() + b"\n")
+        except OSError:
+            self.lose_lead()
+
+    def lose_lead(self) -> None:
+        """The run has ended, which its other connections tell, or has heard nothing from here for too long."""
+        self.lead.close()
+        self.next_beat_s = float("inf")
+        with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+            probe.connect(self.path)
+            self.ended = "the run heard nothing from here for too long: its arms are held"
 
     def take(self, kind: bytes, number: int, contents: bytes) -> None:
         """Does what a frame says."""
@@ -156,8 +180,12 @@ class Bridge:
                 self.ended = f"the network is {late_s:.1f} s late, more than silence_s: its arms are held"
         elif kind == b"b":
             (self.silence_s,) = struct.unpack("<d", contents)
+            self.beat()
         elif kind == b"e":
             self.commanded.clear()
+            self.beat(id=1)
+            with contextlib.suppress(OSError), self.lead.makefile("rb") as answers:  # refusals have no id
+                any(json.loads(answer).get("id") == 1 for answer in answers)
             self.ended = "in order"
         elif kind in (b"l", b"s"):
             lines = kind == b"l"
@@ -208,6 +236,8 @@ class Bridge:
         """Waits for events and handles them."""
         poll = select.poll()
         poll.register(0, _IN)
+        if self.lead.fileno() >= 0:
+            poll.register(self.lead, _IN)
         if self.out:
             poll.register(1, _OUT)
         of_file = {own.fileno(): number for number, own in self.sockets.items()}
@@ -216,10 +246,19 @@ class Bridge:
             poll.register(file, (_IN if unread else 0) | (_OUT if self.waiting[number] else 0))
         if self.mirror:
             poll.register(self.mirror.socket, _IN)
-        due = self.mirror.next_s if self.mirror else float("inf")
+        due = min(self.mirror.next_s if self.mirror else float("inf"), self.next_beat_s)
         now = time.monotonic()
-        for file, events in poll.poll(max(0.0, 1e3 * min(due - now, self.heard_s + self.silence_s - now, 1))):
-            if file == 0:
+        ready = poll.poll(max(0.0, 1e3 * min(due - now, self.heard_s + self.silence_s - now, 1)))
+        if time.monotonic() > self.heard_s + self.silence_s:  # or this program stood still: its client has given up
+            self.ended = f"nothing came from the client for {self.silence_s:g} s"
+            return
+        if time.monotonic() >= self.next_beat_s:
+            self.beat()
+        for file, events in ready:
+            if file == self.lead.fileno():
+                if not self.lead.recv(1 << 12):
+                    self.lose_lead()
+            elif file == 0:
                 part = os.read(0, 1 << 16)
                 self.heard_s = time.monotonic()
                 if not part:
@@ -231,8 +270,6 @@ class Bridge:
             elif self.mirror and file == self.mirror.socket.fileno():  # the run sends nothing here but its end
                 self.out += self.mirror.news() + frame(b"t")
                 self.mirror = None
-        if time.monotonic() > self.heard_s + self.silence_s:
-            self.ended = self.ended or f"nothing came from the client for {self.silence_s:g} s"
         if self.mirror and time.monotonic() >= self.mirror.next_s and len(self.out) < _UNREAD:
             self.mirror.next_s = max(self.mirror.next_s + self.mirror.period_s, time.monotonic())
             self.out += self.mirror.news()
@@ -256,23 +293,6 @@ class Bridge:
             else:
                 self.close(number)
 
-    def hold(self) -> None:
-        """Holds all arms that the client has commanded; its pending requests do not begin."""
-        for own in self.sockets.values():
-            own.close()
-        if not self.commanded:
-            return
-        with contextlib.suppress(OSError, ValueError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as own:
-            own.settimeout(_PATIENCE_S)
-            own.connect(self.path)
-            answers = own.makefile("rb")
-            own.sendall(b'{"id": 1, "do": "list"}\n')
-            listed = json.loads(answers.readline())["controllets"]
-            names = [each["name"] for each in listed if each["active"] and each["name"] in self.commanded]
-            if names:
-                own.sendall(json.dumps({"id": 2, "do": "switch", "deactivate": names}).encode() + b"\n")
-                answers.readline()
-
     def run(self) -> None:
         """Serves until the client leaves or is silent."""
         frames = Frames()
@@ -281,8 +301,8 @@ class Bridge:
                 self.turn(frames)
         except (OSError, ValueError) as wrong:  # a broken pipe
             self.ended = str(wrong)
-        finally:
-            self.hold()
+        for own in (*self.sockets.values(), self.lead):
+            own.close()
 
 
 def main() -> int:
@@ -291,36 +311,15 @@ def main() -> int:
         signal.signal(number, signal.SIG_IGN)  # the end of the pipe holds the arms
     for file in (0, 1):
         fcntl.fcntl(file, fcntl.F_SETFL, fcntl.fcntl(file, fcntl.F_GETFL) | os.O_NONBLOCK)
-    bridge = Bridge(os.path.abspath(sys.argv[1]))
-    probe = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    path = os.path.abspath(sys.argv[1])
     try:
-        probe.connect(bridge.path)
+        bridge = Bridge(path)
     except OSError as wrong:
-        print(f"no run listens at {bridge.path} ({wrong.strerror})", file=sys.stderr)
+        print(f"no run listens at {path} ({wrong.strerror})", file=sys.stderr)
         return 2
-    finally:
-        probe.close()
-    names, bridge.told = os.pipe()
-    if child := os.fork():
-        return guard(bridge, child, names)
     bridge.run()
     with contextlib.suppress(OSError):
         print(bridge.ended, file=sys.stderr, flush=True)
-    os._exit(0)
-
-
-def guard(bridge: Bridge, child: int, names: int) -> int:
-    """Holds the arms if the child that serves is killed."""
-    os.close(bridge.told)
-    for file in (0, 1):
-        os.dup2(os.open(os.devnull, os.O_RDWR), file)
-    told = b""
-    while part := os.read(names, 4096):
-        told += part
-    if os.waitpid(child, 0)[1] != 0:
-        bridge.commanded = set(told.decode().splitlines())
-        bridge.hold()
-        return 1
     return 0
 
 

@@ -58,7 +58,6 @@ class ProgramMissing(Error, FileNotFoundError):
 _STEPS = {
     "two_owners": "name one controllet for each arm",
     "arm_stopped": "call resume() once the reason for the stop is gone, then switch again",
-    "arm_not_ready": "read arm.state.errors; recover() after an error, reconnect() after a lost connection",
     "not_active": "switch to the controllet first",
     "out_of_bounds": "help() of the controllet shows the bounds",
     "wrong_size": "help() of the controllet shows how many numbers are expected",

@@ -25,8 +25,8 @@ constexpr double kFarthestSample = 10;                             // of a chunk
 
 const std::vector<std::string> kLoopRequests = {"switch", "feature", "parameter", "reference", "stop",
                                                 "resume", "list",    "state",     "episode"};
-const std::vector<std::string> kConnectionRequests = {"subscribe", "unsubscribe", "records",
-                                                      "stream",    "stream_end",  "channels"};
+const std::vector<std::string> kConnectionRequests = {"subscribe",  "unsubscribe", "records", "stream",
+                                                      "stream_end", "channels",    "lead"};
 
 std::vector<std::string> all_requests() {
   std::vector<std::string> words;
@@ -38,6 +38,14 @@ std::vector<std::string> all_requests() {
 }
 
 }  // namespace
+
+void end_or_stop(MultimodeController& modes, InstanceSet instances) {
+  constexpr double kAnyTime = 1e6;  // [s]
+  const Request request{.kind = Request::Kind::switch_controllets, .deactivate = instances};
+  std::uint64_t ticket = 0;
+  if (modes.post(std::span(&request, 1), ticket, kAnyTime) == Verdict::accepted) return;
+  for_each(instances, [&](InstanceIndex i) { modes.stop(modes.instance(i).arms()); });
+}
 
 RequestHandler::RequestHandler(LiveInputContext run) : run_(std::move(run)) {
   for (const auto& model : run_.models) terms_.emplace_back(model);
@@ -85,9 +93,29 @@ void RequestHandler::check_whose_arms(const JsonFields& fields) const {
     fields.refuse("this program commands its arms by itself; it accepts only 'stop', 'state' and 'list'");
 }
 
-void RequestHandler::abandon(Pending& pending) {
+std::future<RequestAnswer> RequestHandler::abandon(Pending& pending) {
+  if (pending.ticket != 0 && only_holds(pending.request)) return {};
   *pending.begin_by = 0;
   if (pending.ticket != 0) (void)run_.modes->withdraw(pending.ticket);
+  const auto ending = std::exchange(pending.ending, {});
+  const bool moves = ending && pending.answer.valid() &&
+                     pending.answer.wait_for(std::chrono::seconds(0)) != std::future_status::ready;
+  if (!moves) return {};
+  return run_.backend->request(pending.arm, *ending);
+}
+
+bool RequestHandler::only_holds(const Request& request) const {
+  return request.kind == Request::Kind::switch_controllets &&
+         (request.activate >> run_.modes->arm_count()) == 0;
+}
+
+bool RequestHandler::only_holds(const json& request) const {
+  if (!request.is_object() || request.value("do", json()) != "switch") return false;
+  try {
+    return only_holds(read_switch(JsonFields(request, "switch")));
+  } catch (const RequestRefused&) {
+    return false;
+  }
 }
 
 std::optional<json> RequestHandler::begin(const json& request, Pending& pending, HostTime arrived,
@@ -203,6 +231,16 @@ Request RequestHandler::read_parameter(const JsonFields& fields) const {
     std::copy(numbers.begin(), numbers.end(), request.values.begin());
   }
   return request;
+}
+
+InstanceSet RequestHandler::read_lead(const JsonFields& fields) const {
+  check_whose_arms(fields);
+  fields.allow(with_common({"controllets", "silence_s"}));
+  InstanceSet leads = 0;
+  for (const auto& name : fields.texts("controllets")) {
+    if (const InstanceIndex index = run_.modes->find(name); index != kNoInstance) leads |= bit(index);
+  }
+  return leads;
 }
 
 RequestHandler::Address RequestHandler::address_in(const JsonFields& fields) const {
@@ -329,6 +367,12 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
   const ArmIndex target = arm(fields.text("arm"));
   if (auto* of_gripper = std::get_if<GripperRequest>(&request)) {
     pending.patience_s = kGripperPatience;
+    pending.arm = target;
+    if (!ends_motion(BackendRequest(*of_gripper))) {
+      const bool suction =
+          std::holds_alternative<VacuumOn>(*of_gripper) || std::holds_alternative<VacuumDrop>(*of_gripper);
+      pending.ending = suction ? GripperRequest(VacuumStop{}) : GripperRequest(GripperStop{});
+    }
     pending.answer = run_.backend->request(target, std::move(*of_gripper));
   } else {
     auto& of_arm = std::get<ArmRequest>(request);

@@ -67,6 +67,10 @@ struct StreamChannel {
   std::string reason;                  // of the newest that was refused
 };
 
+// Ends these controllets, whether they are active or not yet, so that hold takes their arms; without a free
+// place for that, the arms stop. It does not become too late.
+void end_or_stop(MultimodeController& modes, InstanceSet instances);
+
 // Translates JSON requests (docs/live_input.md) to requests of the core and their answers back to JSON. It
 // never waits: a request to the loop or an arm is started by begin() and answered by poll(). For one thread.
 class RequestHandler {
@@ -76,13 +80,15 @@ class RequestHandler {
   // A request that was started and is not answered yet.
   struct Pending {
     HostTime received, asked;
-    std::uint64_t ticket = 0;           // of the mailbox
-    Request request;                    // the request with this ticket
-    std::future<RequestAnswer> answer;  // of the backend
-    double patience_s = 0;              // for the backend's answer, if it takes longer than usual
-    nlohmann::json done;                // added to the backend's answer if it succeeds
-    ArmSet stopping;                    // arms of a stop request
-    std::string wrong;                  // in that request; empty: nothing
+    std::uint64_t ticket = 0;              // of the mailbox
+    Request request;                       // the request with this ticket
+    std::future<RequestAnswer> answer;     // of the backend
+    double patience_s = 0;                 // for the backend's answer, if it takes longer than usual
+    nlohmann::json done;                   // added to the backend's answer if it succeeds
+    ArmSet stopping;                       // arms of a stop request
+    std::optional<GripperRequest> ending;  // what stops the gripper's motion that it begins
+    ArmIndex arm = 0;                      // of that gripper
+    std::string wrong;                     // in that request; empty: nothing
     std::shared_ptr<std::atomic<std::int64_t>> begin_by =  // host time [ns]
         std::make_shared<std::atomic<std::int64_t>>(std::numeric_limits<std::int64_t>::max());
   };
@@ -93,13 +99,20 @@ class RequestHandler {
   // was sent or has `arrived`, or if it was sent before `not_before`, the end of the program's last stall.
   std::optional<nlohmann::json> begin(const nlohmann::json& request, Pending& pending,
                                       HostTime arrived = host_now(), HostTime not_before = {});
-  // Its sender has disconnected: pending requests do not begin.
-  void abandon(Pending& pending);
+  // Its sender has disconnected: pending requests do not begin, unless they are switches to hold, and a
+  // gripper that has not finished its motion stops. Returns the answer to that stop; invalid: there is none.
+  std::future<RequestAnswer> abandon(Pending& pending);
+  // A switch that activates nothing but hold, which is safer than what was asked before.
+  bool only_holds(const Request& request) const;
+  bool only_holds(const nlohmann::json& request) const;
+  MultimodeController& modes() { return *run_.modes; }
   // Converts the JSON of a switch, feature, parameter, reference or resume to a request to the loop; nothing:
   // `word` is another one. A sample of a stream has this delivery. Throws RequestRefused.
   std::optional<Request> read(const std::string& word, const JsonFields& fields) const;
   ArmSet arms_in(const JsonFields& fields) const;  // "arms": all where absent
   ArmIndex arm(const std::string& name) const;
+  // Controllets that end with their client. Throws RequestRefused, but not for names that there are not.
+  InstanceSet read_lead(const JsonFields& fields) const;
   // The answer, once it is available or too late.
   std::optional<nlohmann::json> poll(Pending& pending);
 

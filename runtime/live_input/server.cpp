@@ -7,6 +7,7 @@
 #include <poll.h>
 #include <string_view>
 #include <sys/eventfd.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <tuple>
 #include <unistd.h>
@@ -22,6 +23,7 @@ using nlohmann::json;
 constexpr auto kPollPeriod = std::chrono::microseconds(500);  // while an answer of the loop is pending
 constexpr auto kTurn = std::chrono::milliseconds(2);          // for requests, and for packets; a stop waits
 constexpr double kSlowest = 0.1, kFastest = 1000;             // of a subscription [Hz]
+constexpr double kLeastSilence = 0.2, kMostSilence = 60;      // of a client that leads [s]
 
 json refusal(const std::string& code, const std::string& reason) {
   return {{"ok", false}, {"verdict", code}, {"reason", reason}};
@@ -69,6 +71,8 @@ LiveServer::~LiveServer() {
 }
 
 void LiveServer::run() {
+  // Where it is permitted, a stop does not wait for programs that use the whole processor.
+  (void)setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), -15);
   while (!ending_.load(std::memory_order_acquire)) {
     wait();
     const auto now = Clock::now();
@@ -78,9 +82,10 @@ void LiveServer::run() {
       send_state(client, now, state);
       client.line.flush();
       if (client.leaves.ns != 0 && host_now() > client.leaves) send_away(client);
+      const bool silent = client.leads != 0 && host_now() - client.heard > client.silence;
       const bool done = client.line.input_ended() && client.requests.empty() && client.waiting.empty() &&
                         client.period.count() == 0 && client.line.unsent() == 0;
-      client.gone = client.gone || client.line.broken() || done;
+      client.gone = client.gone || client.line.broken() || done || silent;
       if (!client.gone) continue;
       hang_up(client);
       client.line.flush();
@@ -152,10 +157,10 @@ bool LiveServer::may_take(const Client& client) const {
   return client.requests.size() < kMaxPending && client.line.unsent() < kMaxAhead;
 }
 
-// A full server makes room, so that a client that leaks connections cannot prevent a stop.
+// All that wait, as a stop may be behind them. A full server makes room, so that a client that leaks
+// connections cannot prevent a stop.
 void LiveServer::accept_clients() {
-  constexpr int kPerTurn = 32;
-  for (int n = 0; n < kPerTurn; ++n) {
+  for (const auto until = Clock::now() + kTurn; Clock::now() < until;) {
     const int file = accept4(lines_, nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (file < 0 && (errno == EMFILE || errno == ENFILE)) make_room(0);
     if (file < 0) return;
@@ -176,7 +181,7 @@ void LiveServer::make_room(std::ptrdiff_t most_leaving) {
   }
   const auto rank = [this](const Client& client) {
     const bool busy =
-        client.period.count() > 0 || client.has_records || !client.requests.empty() ||
+        client.period.count() > 0 || client.has_records || client.leads != 0 || !client.requests.empty() ||
         !client.waiting.empty() ||
         std::ranges::any_of(channels_, [&](const auto& entry) { return entry.second.owner == &client; });
     return std::tuple(!client.stays(), busy, client.heard);
@@ -225,13 +230,16 @@ bool LiveServer::read(Client& client) {
   return came;
 }
 
-// Its last line counts if it is a stop. Its other requests do not begin.
+// Its last lines count if they are stops or switches to hold. Its other requests do not begin.
 void LiveServer::hang_up(Client& client) {
   constexpr int kMostTurns = 64;  // a socket buffer holds less
   for (int turn = 0; turn < kMostTurns && read(client); ++turn) {
   }
-  client.waiting.clear();
-  for (Started& started : client.requests) handler_.abandon(started.pending);
+  for (const Waiting& last : std::exchange(client.waiting, {})) {
+    if (handler_.only_holds(json::parse(last.line.text, nullptr, false))) take_line(client, last);
+  }
+  for (Started& started : client.requests) (void)handler_.abandon(started.pending);
+  if (client.leads != 0) end_or_stop(handler_.modes(), client.leads);
 }
 
 // A stop is executed even if it is invalid, and even if the client exceeds its number of requests. So is a
@@ -359,6 +367,8 @@ bool LiveServer::take_connection_request(Client& client, const json& request, co
     named.allow(with_common({}));
     client.period = {};
     answer(client, {{"ok", true}}, id);
+  } else if (word == "lead") {
+    take_lead(client, named, id);
   } else if (word == "records") {
     named.allow(with_common({}));
     pass_records(client, named, id);
@@ -396,6 +406,16 @@ bool LiveServer::take_connection_request(Client& client, const json& request, co
     return false;
   }
   return true;
+}
+
+// Repeated while the client lives: another list replaces the one before.
+void LiveServer::take_lead(Client& client, const JsonFields& named, const json& id) {
+  const InstanceSet leads = handler_.read_lead(named);
+  const double silence = named.number("silence_s", 1);
+  if (!(silence >= kLeastSilence && silence <= kMostSilence)) named.expected("silence_s", "0.2 to 60");
+  client.leads = leads;
+  client.silence = std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * silence));
+  if (!id.is_null()) answer(client, {{"ok", true}}, id);
 }
 
 void LiveServer::pass_records(Client& client, const JsonFields& named, const json& id) const {

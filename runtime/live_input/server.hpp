@@ -72,8 +72,10 @@ class LiveServer {
     std::list<Started> requests;         // started, not answered
     std::chrono::nanoseconds period{0};  // of its subscription to the state; 0: none
     Clock::time_point next_state;
-    nlohmann::json subscription;  // its id
-    bool has_records = false;     // it was sent their memory
+    nlohmann::json subscription;          // its id
+    bool has_records = false;             // it was sent their memory
+    InstanceSet leads = 0;                // controllets that end with this client, which ends if it is
+    std::chrono::nanoseconds silence{0};  // silent for longer
     bool gone = false;
     bool stays() const { return !gone && leaves.ns == 0; }
   };
@@ -104,6 +106,7 @@ class LiveServer {
   void take_line(Client& client, const Waiting& waiting);
   static void refuse(Client& client, nlohmann::json why, const nlohmann::json& id);
   bool take_connection_request(Client& client, const nlohmann::json& request, const nlohmann::json& id);
+  void take_lead(Client& client, const JsonFields& named, const nlohmann::json& id);
   void pass_records(Client& client, const JsonFields& named, const nlohmann::json& id) const;
   void poll_requests(Client& client);
   void send_state(Client& client, Clock::time_point now, std::string& state);

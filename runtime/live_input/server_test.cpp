@@ -164,6 +164,65 @@ TEST_F(ServerTest, OfAClosedClientAStopIsExecutedAndNothingElse) {
   EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("arm0_hold"));
 }
 
+// The loop had not taken it when its client closed.
+TEST_F(ServerTest, ASwitchToHoldThatWaitsForTheLoopIsExecuted) {
+  LiveClient other(server_.path());
+  other.tell({{"do", "switch"}, {"activate", {"pose0"}}});
+  settle();
+  fixture_.steps(1);
+  ASSERT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("pose0"));
+  {
+    Raw gone(server_.path());
+    gone.send(R"({"do":"switch","deactivate":["pose0"]})"
+              "\n");
+    settle();
+  }
+  settle();
+  fixture_.steps(2);
+  EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("arm0_hold"));
+}
+
+// If it dies or stands still, the arms of what it leads are held, and not if it leaves in order.
+TEST_F(ServerTest, WhatAClientLeadsEndsWithIt) {
+  const test::Stepping stepping(fixture_);
+  LiveClient other(server_.path());
+  const auto leads = [&] { return fixture_.loop.modes().owner(0) == fixture_.loop.find("pose0"); };
+  const std::string lead = R"({"do":"lead","controllets":["pose0","none"],"silence_s":0.3,"id":1})"
+                           "\n";
+  for (const std::string way : {"closes", "is silent", "leaves in order"}) {
+    ASSERT_EQ(other.ask({{"do", "switch"}, {"activate", {"pose0", "pose1"}}})["ok"], true);
+    std::optional<Raw> client(server_.path());
+    client->send(lead);
+    ASSERT_EQ(client->next()["ok"], true);
+    for (const HostTime begun = host_now(); seconds(host_now() - begun) < 0.6; std::this_thread::yield()) {
+      client->send(lead);
+      ASSERT_EQ(client->next()["ok"], true);
+    }
+    ASSERT_TRUE(leads()) << way;
+    const HostTime now = host_now();
+    if (way == "leaves in order") {
+      client->send(R"({"do":"lead","controllets":[],"id":2})"
+                   "\n");
+      ASSERT_EQ(client->next()["ok"], true);
+    }
+    if (way != "is silent") client.reset();
+    if (way == "leaves in order") {
+      settle();
+      EXPECT_EQ(
+          other.ask(
+              {{"do", "parameter"}, {"controllet", "pose0"}, {"name", "damping_ratio"}, {"value", 1}})["ok"],
+          true);
+      EXPECT_TRUE(leads());
+    } else {
+      while (leads()) std::this_thread::yield();
+      EXPECT_EQ(seconds(host_now() - now) > 0.25, way == "is silent");
+      if (client) EXPECT_TRUE(client->next().is_null()) << "it is told by the end of its connection";
+    }
+    EXPECT_EQ(fixture_.loop.modes().owner(1), fixture_.loop.find("pose1"));
+  }
+  EXPECT_EQ(other.ask({{"do", "lead"}, {"silence_s", 0.1}})["verdict"], "malformed");
+}
+
 // A script leaks connections; the last ones even have requests, subscriptions, channels.
 TEST_F(ServerTest, AFullServerTakesAStop) {
   std::list<Raw> leaked;
@@ -423,7 +482,17 @@ TEST_F(ServerTest, WhoHangsUpWhileTheServerStandsLeavesNothingThatActs) {
     ask_meanwhile(start, known, false);
     EXPECT_EQ(asker->next()["ok"], true) << known;
     EXPECT_TRUE(pose()) << known;
-    ASSERT_EQ(owner.ask({{"do", "switch"}, {"deactivate", {"pose0"}}})["ok"], true);
+    // What only holds counts, and nothing before or after it.
+    ask_meanwhile(R"({"do":"switch","activate":["joint0"]})"
+                  "\n"
+                  R"({"do":"switch","deactivate":["pose0"]})"
+                  "\n"
+                  R"({"do":"switch","activate":["pose1"]})",
+                  known, true);
+    (void)owner.ask(
+        {{"do", "parameter"}, {"controllet", "pose1"}, {"name", "damping_ratio"}, {"value", 0.7}});
+    EXPECT_EQ(fixture_.loop.modes().owner(0), fixture_.loop.find("arm0_hold")) << known;
+    EXPECT_EQ(fixture_.loop.modes().owner(1), fixture_.loop.find("arm1_hold")) << known;
   }
 }
 

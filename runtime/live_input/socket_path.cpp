@@ -18,6 +18,8 @@
 namespace multipanda {
 namespace {
 
+constexpr int kMostInLine = 128;  // who wait to be accepted; the server takes them all in a turn
+
 std::filesystem::path beside(const std::filesystem::path& path, const char* suffix) {
   std::filesystem::path other = path;
   other += suffix;
@@ -171,7 +173,7 @@ int listen_at(const std::filesystem::path& path, int type) {
   // The mode of an unbound socket becomes that of its file: it is closed to others from the start.
   if (fchmod(file, 0600) != 0 ||
       bind(file, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0 ||
-      listen(file, 16) != 0) {
+      listen(file, kMostInLine) != 0) {
     const int reason = errno;
     close(file);
     errno = reason;

@@ -5,6 +5,7 @@ import asyncio
 import concurrent.futures
 import contextlib
 import inspect
+import json
 import math
 import os
 import pydoc
@@ -601,6 +602,30 @@ class Gripper(unittest.TestCase):
             run.arms["right"].vacuum.on(500)
             until(lambda: run.arms["right"].state.gripper.grasped, "the part is held")
             run.arms["right"].vacuum.drop()
+
+    def test_a_motion_ends_with_its_client_unless_it_was_answered(self):
+        with mp.run("grippers") as run:
+            arm = run.arms["left"]
+
+            def moves_on(width_m, until_m, answered):
+                with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+                    client.connect(str(run.connection.path))
+                    asked = {"do": "gripper", "arm": "left", "action": "move", "width_m": width_m, "id": 1}
+                    client.sendall(json.dumps(asked | {"speed_m_per_s": 0.05}).encode() + b"\n")
+                    until(lambda: abs(arm.gripper.state.width_m - until_m) < 0.005, f"{until_m} m")
+                    if answered:
+                        self.assertTrue(json.loads(client.makefile("rb").readline())["ok"])
+                until(lambda: not arm.gripper.state.moving, "it is at rest")
+                return abs(arm.gripper.state.width_m - width_m) < 0.002
+
+            arm.gripper.move(0.075)
+            self.assertFalse(moves_on(0.045, 0.065, False))
+            self.assertTrue(moves_on(0.075, 0.075, True))
+            arm.gripper.grasp(0.04, force_n=30)
+            client = mp.connect(run.connection.path)
+            client.close()
+            time.sleep(0.5)
+            self.assertTrue(arm.gripper.state.grasped)  # what an answered grasp holds stays held
 
     def test_an_arm_without_one(self):
         with mp.run("one_arm") as run:

@@ -284,8 +284,27 @@ class OverSsh(unittest.TestCase):
         self.setUp()
         far = self.connect()
         self.commanding(far)
-        os.kill(max(bridges()), signal.SIGKILL)  # the one that serves
+        for each in bridges():
+            os.kill(each, signal.SIGKILL)
         self.lost(far, "the connection to 127.0.0.1:.* has ended")
+
+    def test_a_bridge_that_stands_still_is_silence_for_the_run(self):
+        far = self.connect(silence_s=0.5)
+        self.commanding(far)
+        standing = bridges()
+        for each in standing:
+            os.kill(each, signal.SIGSTOP)
+        begun = time.monotonic()
+        try:
+            self.held()
+            self.assertLess(time.monotonic() - begun, 2)
+            self.lost(far, "nothing came from 127.0.0.1:.* for 0.5 s")
+            self.run_.switch("left_cartesian")  # by somebody there
+        finally:
+            for each in standing:
+                os.kill(each, signal.SIGCONT)
+        until(lambda: not bridges(), "the bridge has ended")
+        self.assertFalse(self.run_.arms["left"].state.held)  # what it missed does not count any more
 
     def test_a_client_is_killed(self):
         program = (

@@ -5,6 +5,7 @@ run, stand still and die at random. None is refused, and none is later than 20 m
 About 200 stops; 10,000 with MULTIPANDA_FULL=1.
 """
 
+import asyncio
 import contextlib
 import json
 import os
@@ -105,19 +106,39 @@ def subscribe(path, dice):
         time.sleep(0.01)
 
 
-KINDS = {each.__name__: each for each in (leak, publish, flood, pack, subscribe)}
+def throng(path, dice):
+    """Clients of asyncio that come at once, all the time, say something or nothing, and go."""
+
+    async def visit():
+        with contextlib.suppress(OSError):
+            _, writer = await asyncio.open_unix_connection(path)
+            if dice.random() < 0.5:
+                writer.write(b'{"do": "list"}\n')
+            writer.close()
+
+    async def come():
+        while True:
+            await asyncio.gather(*[visit() for _ in range(dice.randrange(1, 200))])
+
+    asyncio.run(come())
+
+
+KINDS = {each.__name__: each for each in (leak, publish, flood, pack, subscribe, throng)}
 
 
 class Crowd:
     """Processes of these kinds, which stand still, go on and die at random."""
 
-    def __init__(self, path, dice):
-        self.path, self.dice = path, dice
+    def __init__(self, path, dice, kinds):
+        self.path, self.dice, self.kinds = path, dice, kinds
         self.members = [self.member() for _ in range(CROWD)]
 
     def member(self):
-        words = [sys.executable, "-B", __file__, "--member", self.dice.choice(list(KINDS)), self.path]
-        return subprocess.Popen([*words, str(self.dice.randrange(1 << 30))], stdin=subprocess.DEVNULL)
+        words = [sys.executable, "-B", __file__, "--member", self.dice.choice(self.kinds), self.path]
+        started = subprocess.Popen([*words, str(self.dice.randrange(1 << 30))], stdin=subprocess.DEVNULL)
+        with contextlib.suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, started.pid, 0)
+        return started
 
     def stir(self):
         at = self.dice.randrange(CROWD)
@@ -138,39 +159,41 @@ class Crowd:
 
 
 class StopSoak(unittest.TestCase):
+    def told(self, request):
+        """By a client that does nothing else and tries once: the answer, and when it was sent."""
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as fresh:
+            fresh.connect(self.path)
+            fresh.sendall(json.dumps({"id": 1, **request}).encode() + b"\n")
+            sent_ns = time.monotonic_ns()
+            with fresh.makefile("rb") as lines:
+                return json.loads(lines.readline() or "{}"), sent_ns
+
     def again(self, request):
-        """Asks until it is done, by a fresh client each time: the crowd may end it."""
+        """Asks until it is done: the crowd may end a client that asks for less than a stop."""
         deadline = time.monotonic() + PATIENCE
         while True:
-            with contextlib.suppress(mp.Disconnected, mp.Refused, mp.Timeout):
-                client = mp.connection.Connection(self.path)
-                try:
-                    return client.ask(request, 5)
-                finally:
-                    client.close()
+            with contextlib.suppress(OSError):
+                if self.told(request)[0].get("ok"):
+                    return
             self.assertLess(time.monotonic(), deadline, request)
 
     def stop(self):
-        """By a client that does nothing else and tries once. Returns when the run had its request."""
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as fresh:
-            fresh.settimeout(None)
-            fresh.connect(self.path)
-            fresh.sendall(b'{"id": 1, "do": "stop"}\n')
-            sent_ns = time.monotonic_ns()
-            with fresh.makefile("rb") as lines:
-                answer = json.loads(lines.readline() or "{}")
+        answer, sent_ns = self.told({"do": "stop"})
         self.assertEqual((answer.get("ok"), answer.get("stopped")), (True, ["left", "right"]), answer)
         return sent_ns
 
     def lateness_ns(self, sent_ns):
         """The loop's time from the cycle in which the stop arrived to the one that stopped the arms."""
         shared = self.run_.shared()
-        found = []
+        found, rows = [], 100
 
         def stopped():
-            rows = shared.block(2000)
-            history = mp.History(shared.layout, rows)
+            nonlocal rows
+            history = mp.History(shared.layout, shared.block(rows))
             after = history["start_ns"] > sent_ns
+            if after.all() and rows < shared.capacity:
+                rows *= 4
+                return False
             found[:] = [history["t_ns"][after], history["left/stopped"][after]]
             return len(found[1]) and found[1].any()
 
@@ -179,14 +202,22 @@ class StopSoak(unittest.TestCase):
         return int(times[flags.argmax()] - times[0])
 
     def test_no_stop_is_refused_or_late(self):
+        self.soak(STOPS, list(KINDS))
+
+    def test_new_clients_delay_no_stop(self):
+        self.soak(STOPS // 10, ["throng"])
+
+    def soak(self, stops, kinds):
         dice = random.Random(SEED)
         late = []
         with mp.run("two_arms") as self.run_:
             self.path = str(self.run_.connection.path)
             self.run_.shared()
-            crowd = Crowd(self.path, dice)
+            crowd = Crowd(self.path, dice, kinds)
+            with contextlib.suppress(PermissionError):  # what waits for this process is not what is measured
+                os.setpriority(os.PRIO_PROCESS, 0, -10)
             try:
-                for number in range(STOPS):
+                for number in range(stops):
                     crowd.stir()
                     self.again({"do": "resume"})
                     if number % 3 == 0:
@@ -195,9 +226,12 @@ class StopSoak(unittest.TestCase):
                     late.append(self.lateness_ns(self.stop()))
             finally:
                 crowd.close()
+                with contextlib.suppress(PermissionError):
+                    os.setpriority(os.PRIO_PROCESS, 0, 0)
         late.sort()
-        print(f"{STOPS} stops, seed {SEED}: [ms of loop time] median {1e-6 * late[len(late) // 2]:.1f}", end=", ")
-        print(f"99 % {1e-6 * late[len(late) * 99 // 100]:.1f}, largest {1e-6 * late[-1]:.1f}")
+        middle, high, most = (1e-6 * late[k] for k in (len(late) // 2, len(late) * 99 // 100, -1))
+        print(f"{stops} stops beside {', '.join(kinds)}, seed {SEED}, none refused; [ms of loop time]", end=" ")
+        print(f"median {middle:.1f}, 99 % {high:.1f}, largest {most:.1f}")
         # Beside other tests a busy computer may delay single ones; alone, none is late.
         self.assertLessEqual(late[-1] if STOPS > 200 else late[len(late) // 2], MOST_LATE_NS)
 

@@ -11,6 +11,7 @@ import contextlib
 import json
 import os
 import pathlib
+import re
 import signal
 import socket
 import subprocess
@@ -18,10 +19,11 @@ import sys
 import time
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tests/python")]
+sys.path[:0] = [str(ROOT / "tests/python"), str(ROOT / "tests/cockpit")]
 import harness  # first: it sets the paths
 import multipanda as mp
 import numpy as np
+from page_client import Page
 
 until, FOLDER = harness.until, harness.FOLDER
 PROGRAM = sys.argv[1] if len(sys.argv) > 1 else "build/multipanda"
@@ -229,6 +231,51 @@ def the_stiffest_wrist_that_is_allowed():
     return f"joints at most {worst:.2f} rad/s at K = {most:.0f} N m/rad"
 
 
+@scenario(6)
+def a_page_that_nobody_holds():
+    with mp.run("two_arms", arguments=("--cockpit", "0")) as run:
+        page = Page(re.search(r"http://\S+", run.process.output + run.process.messages)[0])
+        page.ask("control", take=True)
+        dual, hand = {"controllet": "dual"}, lambda: run.arms["left"].state.pose.position_m
+        begun = hand()
+        asked = [("switch", {"activate": "dual"}), ("parameter", dual | {"name": "offset_m", "value": [0, 0.4, 0]})]
+        asked += [("parameter", {"controllet": "left_cartesian", "name": "nullspace_posture", "value": "given"})]
+        asked += [
+            ("feature", dual | {"name": "joint_limits", "on": False}),
+            ("set_load", {"arm": "left", "mass_kg": 0.5}),
+        ]
+        left = {"controllet": "left_cartesian", "value": 4000}
+        asked += [("parameter", left | {"name": "translational_stiffness_n_per_m"})]
+        for word, keys in asked:
+            answer = page.ask(word, **keys)
+            assert answer["verdict"] == "not_held", (word, keys, answer)
+        time.sleep(0.5)
+        moved = np.linalg.norm(hand() - begun)
+
+        def held(done, word, **keys):  # without subscription, so that every beat counts
+            page.send({"beat": 1})
+            page.send({"do": word, "id": word, **keys})
+            end = time.monotonic() + 10
+            while not done() and time.monotonic() < end:
+                page.send({"beat": 1})
+                time.sleep(0.03)
+            answer = page.answer(word)
+            assert answer["ok"] and done(), answer
+
+        rest = time.monotonic() + 2
+        held(lambda: time.monotonic() > rest, "switch", **asked[0][1])
+        begun = hand()
+        held(lambda: np.linalg.norm(hand() - begun) > 0.02, "parameter", **asked[1][1])
+        died = hand()
+        assert run.active == ["dual"], run.active
+        page.close()  # it dies with its button pressed, far from the goal
+        until(lambda: run.arms["left"].state.held, "hold")
+        time.sleep(1.5)
+        went_on = np.linalg.norm(hand() - died)
+    assert moved < 1e-3 and went_on < 0.08, (moved, went_on)
+    return f"refused without a hold; after the page died with its button pressed, {1e3 * went_on:.1f} mm of 120"
+
+
 @scenario(7)
 def a_load_that_is_declared_beside_a_stopped_or_guided_arm():
     with paused(scene("load", ARM)) as run:
@@ -244,6 +291,27 @@ def a_load_that_is_declared_beside_a_stopped_or_guided_arm():
         with_load = Motion(run, 2)
     assert motion.moved < 1e-3 and with_load.speed < HAND_M_PER_S, (motion.moved, with_load.speed)
     return f"refused; under a law of 0.5 kg too much the hand drifts at {with_load.speed:.3f} m/s"
+
+
+@scenario(8)
+def a_torso_that_goes_on_without_its_arm():
+    moved = []
+    for what in ("user stop", "stop", "end of its motion"):
+        with paused(ROOT / "examples/carried_arm/scene.yaml") as run:
+            right, turn, keep = run.arms["right"], run["turn"], run["keep"]
+            told(run, lambda turn=turn, keep=keep: run.switch([turn.name, keep.name]))
+            q = run.arms["left"].state.q_rad
+            told(run, lambda turn=turn, q=q: turn.goal("joints", q + np.eye(8)[0], duration_s=4))
+            turning = Motion(run, 1.5, "right")
+            act = {"user stop": lambda right=right: right.user_stop(True), "stop": right.stop}
+            told(run, act.get(what, right.stop_motion))
+            torso = run.arms["left"].state.q_rad[0]
+            motion = Motion(run, 3, "right")
+            moved.append(abs(run.arms["left"].state.q_rad[0] - torso))
+            assert turning.joint_speed > 0.05, "the torso did not turn before"
+            assert motion.speed < HAND_M_PER_S * 1.5, (what, motion.speed)
+    assert max(moved) < 0.05, moved
+    return f"a stop of the carried arm holds its torso: it turns by {max(moved):.3f} rad more, of 0.8"
 
 
 @scenario(9)
@@ -318,6 +386,59 @@ def axes_without_stiffness():
             worst, joints = max(worst, motion.speed), max(joints, motion.joint_speed)
     assert worst <= HAND_M_PER_S * SLACK and joints < 1.5, (worst, joints)
     return f"hand at most {worst:.3f} m/s, joints {joints:.2f} rad/s"
+
+
+@scenario(13)
+def the_reason_of_an_eviction():
+    fence = "start_rad: ready, safety: {workspace_min_m: [-1, -1, 0], workspace_max_m: [1, 1, 0.55]}"
+    with paused(scene("reason", ARM.replace("start_rad: ready", fence))) as run:
+        law, arm = run["cartesian"], run.arms["arm"]
+        told(run, lambda: law.set("translational_stiffness_n_per_m", 0.0))
+        told(run, law.activate)
+        told(run, lambda: arm.set_load(1.0, [0, 0, 0.1]))  # which it does not carry: it rises
+        for _ in range(100):
+            run.step(50)
+            state = arm.state
+            if state.held:
+                break
+        run.step(500)  # later clamps
+        later = arm.state
+        said = run.lost_by("cartesian", later)
+        try:
+            told(run, law.activate)
+            refused_with = "accepted"
+        except mp.Refused as error:
+            refused_with = str(error)
+    assert state.removed_by == later.removed_by == "workspace_limit", (state.removed_by, later.removed_by)
+    assert "recover" not in refused_with, refused_with
+    return f"removed by {later.removed_by} ({said}), then: {refused_with[:60]}"
+
+
+@scenario(14)
+def torques_after_a_gap_of_the_program():
+    with contextlib.ExitStack() as stack:
+        arms = stack.enter_context(mp.virtual_arms(scene("gaps", ARM), lockstep=False, arm_names=("arm",)))
+        run = stack.enter_context(mp.run(scene("gaps", ARM), backend="fci", address=arms.addresses))
+        law, arm = run["joint"], run.arms["arm"]
+        gaps = errors = 0
+        q = arm.state.q_rad
+        for number in range(60):
+            if arm.state.errors:
+                arm.recover()
+            while not law.active:  # refused while its state is still old
+                with contextlib.suppress(mp.Refused):
+                    law.activate()
+            law.goal("joints", q + (0.15 if number % 2 else -0.15))
+            time.sleep(0.3)
+            os.kill(run.process.child.pid, signal.SIGSTOP)
+            time.sleep(0.012 + 0.0005 * number)
+            os.kill(run.process.child.pid, signal.SIGCONT)
+            gaps += 1
+            time.sleep(0.05)
+            names = arm.state.errors
+            assert "controller_torque_discontinuity" not in names, names
+            errors += bool(names)
+    return f"{gaps} gaps of 12 to 42 ms in motion: no step of the torque, {errors} times lost for the gap itself"
 
 
 @scenario(15)

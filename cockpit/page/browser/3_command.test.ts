@@ -90,9 +90,7 @@ const commands = (backend: string) => () => {
     });
   });
 
-  // Not on virtual arms yet: there a hold takes the arms while the offset moves, for a reason that is not known.
-  const inSimulation = backend === "virtual" ? test.skip : heldTest;
-  inSimulation("a parameter that acts as a goal moves the hands only while its button is held", async () => {
+  heldTest("a parameter that acts as a goal moves the hands only while its button is held", async () => {
     const { page } = cockpit;
     await tab("Laws");
     const hands = async () => (await stateOf(page)).arms.map((arm) => arm.hand.position[1]!);
