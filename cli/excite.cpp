@@ -80,7 +80,7 @@ int run(ExciteArguments& arguments) {
   const fs::path file =
       arguments.out.empty() ? fs::path("excitation_" + robot.name + ".yaml") : fs::path(arguments.out);
   const std::string text = excitation_scene(
-      excitation, arguments.model, arguments.options.hand,
+      excitation, robot, arguments.model, arguments.options.hand,
       fmt::format("Made with --seed {} --harmonics {}.", arguments.options.seed, arguments.options.parts));
   if (file.has_parent_path()) fs::create_directories(file.parent_path());
   std::ofstream out(file);

@@ -229,7 +229,6 @@ int run(const VirtualArmArguments& arguments) {
   options.faults.jitter_s = 1e-6 * arguments.jitter_us;
   options.seed = arguments.seed;
   options.strict = arguments.strict;
-  options.real_sensors = true;
   if (arguments.scene_model) options.library = fci::LibraryModel::scene;
   options.clocks = clocks_of(arguments, opened.scene);
   if (!options.clocks.empty() && options.pace == fci::WorldPace::lockstep) {

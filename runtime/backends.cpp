@@ -81,7 +81,7 @@ std::unique_ptr<Backend> make_virtual(const Scene& scene, const BackendOptions& 
   const VirtualPace clock = !pace.paced        ? VirtualPace::unpaced
                             : options.lockstep ? VirtualPace::waiting
                                                : VirtualPace::realtime;
-  return std::make_unique<VirtualBackend>(scene, clock, pace.report);
+  return std::make_unique<VirtualBackend>(scene, clock, pace.report, options.real_sensors);
 }
 
 // A run without pacing waits for the slowest arm and the disk, without real-time scheduling. An arm with its

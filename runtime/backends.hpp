@@ -38,6 +38,8 @@ struct BackendOptions {
   // `virtual_arms` of a paced run: steps begin every millisecond, but the arms' world waits for commands, so
   // that none is late on a busy computer. The arms of an unpaced run always wait.
   bool lockstep = false;
+  // `virtual_arms` of fidelity `realistic`: sensors as of real arms. Off: as of arms in this process.
+  bool real_sensors = true;
   std::filesystem::path log;  // of `replay`: log.mcap, or the folder of a run
   std::string type;           // of `from_library`: the name in the registry
 };

@@ -27,12 +27,13 @@ Scene as_written(Scene scene) {
 // In lock-step both ends are in this process: a silent end only waits for a processor.
 constexpr std::chrono::seconds kLockstepPatience{20};
 
-fci::VirtualArmOptions options_of(const Scene& scene, VirtualPace pace) {
+fci::VirtualArmOptions options_of(const Scene& scene, VirtualPace pace, bool real_sensors) {
   fci::VirtualArmOptions options;
   // Free ports, so that several worlds can run on one computer.
   options.places.assign(scene.arms.size(),
                         {.address = "127.0.0.1", .port = 0, .gripper_port = 0, .vacuum_port = 0});
   options.pace = pace == VirtualPace::realtime ? fci::WorldPace::realtime : fci::WorldPace::lockstep;
+  options.real_sensors = real_sensors;
   options.strict = true;  // as real arms, because the client is our own
   options.patience = kLockstepPatience;
   options.idle_stands_still = true;  // the arms start in the scene's configuration
@@ -65,11 +66,11 @@ class OnEveryCore {
 
 struct VirtualBackend::Implementation {
   Implementation(const Scene& requested, VirtualPace requested_pace,
-                 std::function<void(const std::string&)> voice)
+                 std::function<void(const std::string&)> voice, bool real_sensors)
       : scene(as_written(requested)),
         pace(requested_pace),
         say(std::move(voice)),
-        world(scene, options_of(scene, pace)),
+        world(scene, options_of(scene, pace, real_sensors)),
         truth(world.view().make_snapshot()) {}
 
   const Scene scene;
@@ -92,8 +93,8 @@ struct VirtualBackend::Implementation {
 };
 
 VirtualBackend::VirtualBackend(const Scene& scene, VirtualPace pace,
-                               std::function<void(const std::string&)> say)
-    : self_(std::make_unique<Implementation>(scene, pace, std::move(say))) {}
+                               std::function<void(const std::string&)> say, bool real_sensors)
+    : self_(std::make_unique<Implementation>(scene, pace, std::move(say), real_sensors)) {}
 
 VirtualBackend::~VirtualBackend() {
   self_->client.reset();

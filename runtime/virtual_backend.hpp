@@ -23,8 +23,10 @@ enum class VirtualPace : std::uint8_t {
 
 class VirtualBackend : public Backend, public SimulationView {
  public:
-  // Throws std::invalid_argument if the scene cannot be built. `say` as in FciOptions.
-  VirtualBackend(const Scene& scene, VirtualPace pace, std::function<void(const std::string&)> say);
+  // Throws std::invalid_argument if the scene cannot be built. `say` as in FciOptions, `real_sensors` as in
+  // VirtualArmOptions.
+  VirtualBackend(const Scene& scene, VirtualPace pace, std::function<void(const std::string&)> say,
+                 bool real_sensors = true);
   ~VirtualBackend() override;
 
   std::size_t arm_count() const override;

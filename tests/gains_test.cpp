@@ -1,4 +1,5 @@
-// Every gain at its bounds: each law leads every arm through ordinary goals, and no rule takes it out.
+// Every gain at its bounds, and every default: each law leads every arm through ordinary goals, and no rule
+// takes it out.
 #include <random>
 
 #include <gtest/gtest.h>
@@ -8,6 +9,7 @@
 #include "core/cycle/control_cycle.hpp"
 #include "core/modes/registry.hpp"
 #include "core/testing/series.hpp"
+#include "runtime/virtual_backend.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::gains_test {
@@ -37,6 +39,19 @@ struct Case {
   bool two = false;
 };
 
+SceneArm arm_of(std::size_t i, const std::string& model, bool hand, double hidden) {
+  SceneArm arm;
+  arm.name = i == 0 ? "left" : "right";
+  arm.model = model;
+  arm.hand = hand;
+  arm.rotor_hidden = hidden;
+  arm.X_WB.position.y() = i == 0 ? 0.3 : -0.3;
+  arm.q_start.resize(7);
+  arm.q_start << 0, -M_PI / 4, 0, -3 * M_PI / 4, 0, M_PI / 2, M_PI / 4;
+  arm.safety = SafetyLimits::of(*build_arm_model(arm));
+  return arm;
+}
+
 Case draw(std::uint32_t seed) {
   Dice dice(seed);
   Case c;
@@ -53,17 +68,9 @@ Case draw(std::uint32_t seed) {
   const bool hand = seed / 16 % 2 == 0;
   const std::string model = dice.one_of({"fer", "fr3", "fr3v2"});
   c.two = type.find("dual") != type.npos || type == "coupled_ufic";
-  for (int i = 0; i < (c.two ? 2 : 1); ++i) {
-    SceneArm arm;
-    arm.name = i == 0 ? "left" : "right";
-    arm.model = model;
-    arm.hand = hand;
-    arm.rotor_hidden = hidden;
-    arm.X_WB.position.y() = i == 0 ? 0.3 : -0.3;
-    arm.q_start.resize(7);
-    arm.q_start << 0, -M_PI / 4, 0, -3 * M_PI / 4, 0, M_PI / 2, M_PI / 4;
+  for (std::size_t i = 0; i < (c.two ? 2 : 1); ++i) {
+    SceneArm arm = arm_of(i, model, hand, hidden);
     for (auto& angle : arm.q_start) angle += dice.uniform(-0.2, 0.2);
-    arm.safety = SafetyLimits::of(*build_arm_model(arm));
     c.scene.arms.push_back(arm);
   }
   InstanceConfig law{.name = "law", .type = type, .arms = {0}, .contact = {}};
@@ -101,21 +108,20 @@ Case draw(std::uint32_t seed) {
 
 struct Outcome {
   double share = 0;  // of the joints' greatest speeds
+  double rest = 0;   // speed in the last 0.3 s [rad/s]
   std::string taken_out;
 };
 
-Outcome run(const Case& c) {
+Outcome run(const Case& c, Backend& backend, int cycles = 2500) {
   static const Registry registry = Registry::with_builtins();
-  MujocoBackend backend(c.scene, {.pace = Pace::unpaced});
   const CycleConfig config = build_cycle_config(c.scene);
   ControlCycle cycle(config, registry, backend);
   MultimodeController& modes = cycle.modes();
   modes.activate_at_start(start_set(c.scene, modes));
   Outcome outcome;
   backend.start();
-  std::vector<JointVector> q(c.scene.arms.size(), joint_constant(7, 0));
-  JointVector dq = q[0];
-  for (int k = 0; k < 2500; ++k) {
+  for (int n = 0; n < cycles; ++n) {
+    const int k = n % 2500;
     if (k == 200 || k == 1300) {  // there and back
       for (Reference& input : modes.instance(modes.find("law")).inputs()) {
         if (input.spec().quantity == Quantity::joints) {
@@ -135,12 +141,14 @@ Outcome run(const Case& c) {
       }
     }
     cycle.step(backend.wait());
-    for (std::size_t i = 0; i < q.size(); ++i) {
-      backend.world().joints(i, q[i], dq);
+    for (std::size_t i = 0; i < c.scene.arms.size(); ++i) {
+      const JointVector& dq = cycle.data().state[i].dq;
       outcome.share = std::max(
           outcome.share, dq.cwiseQuotient(c.scene.arms[i].safety.joints.dq_max).lpNorm<Eigen::Infinity>());
+      if (n >= cycles - 300) outcome.rest = std::max(outcome.rest, dq.lpNorm<Eigen::Infinity>());
     }
   }
+  backend.finish();
   for (std::size_t i = 0; i < c.scene.arms.size(); ++i) {
     for (std::size_t k = 1; k < static_cast<std::size_t>(Intervention::count_); ++k) {
       const auto rule = static_cast<Intervention>(k);
@@ -156,10 +164,46 @@ TEST(Gains, AtTheirBoundsNoneEndsInATrip) {
   for (std::uint32_t seed = 0; seed < 512; ++seed) {
     if (!series.takes(seed % 11 == 0)) continue;
     const Case c = draw(seed);
-    const Outcome outcome = run(c);
+    MujocoBackend backend(c.scene, {.pace = Pace::unpaced});
+    const Outcome outcome = run(c, backend);
     series.record("speed_share", outcome.share);
     EXPECT_EQ(outcome.taken_out, "") << c.name;
     EXPECT_LT(outcome.share, 0.8) << c.name;
+  }
+}
+
+// As programs meet arms by default: in this process, and behind the arms' control interface.
+TEST(Gains, DefaultsLoseNoArm) {
+  static const Registry registry = Registry::with_builtins();
+  const int cycles = test::full_series() ? 60000 : 2500;
+  test::Series series;
+  int n = 0;
+  for (const ControlletType& law : registry.controllets()) {
+    const ControlletDescriptor& descriptor = law.descriptor;
+    for (int i = 0; i < 24; ++i) {
+      if (!series.takes(n++ % 7 == 0)) continue;
+      const std::string model = std::array{"fer", "fr3", "fr3v2"}[static_cast<std::size_t>(i % 3)];
+      const bool hand = i / 3 % 2 == 0, wire = i / 6 % 2 == 1;
+      Case c;
+      c.scene.plant = i / 12 == 0 ? PlantFidelity::ideal() : PlantFidelity::realistic();
+      c.name = descriptor.type + ", " + c.scene.plant.name + " " + model + (hand ? " with" : " without") +
+               " hand" + (wire ? ", virtual" : "");
+      InstanceConfig config{.name = "law", .type = descriptor.type};
+      for (std::size_t arm = 0; arm < descriptor.arms + descriptor.observes; ++arm) {
+        c.scene.arms.push_back(arm_of(arm, model, hand, SceneArm().rotor_hidden));
+        (arm < descriptor.arms ? config.arms : config.observes).push_back(arm);
+      }
+      c.scene.controllets = {config};
+      c.scene.active = {"law"};
+      std::unique_ptr<Backend> backend;
+      if (wire)
+        backend = std::make_unique<VirtualBackend>(c.scene, VirtualPace::unpaced, nullptr);
+      else
+        backend = std::make_unique<MujocoBackend>(c.scene, MujocoOptions{.pace = Pace::unpaced});
+      const Outcome outcome = run(c, *backend, cycles);
+      EXPECT_EQ(outcome.taken_out, "") << c.name;
+      EXPECT_LT(outcome.share, 0.8) << c.name;
+    }
   }
 }
 

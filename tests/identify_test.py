@@ -7,6 +7,7 @@ Real measurements are used where they lie next to the project (../shared/data); 
 """
 
 import json
+import os
 import pathlib
 import subprocess
 import sys
@@ -196,6 +197,22 @@ class Identify(unittest.TestCase):
         self.assertEqual(unknown.returncode, 2)
         self.assertIn("fer", unknown.stderr)
         self.assertEqual(call("predict", file).returncode, 2)
+
+
+class Excite(unittest.TestCase):
+    def test_an_arm_without_hand_keeps_its_law_to_the_end(self):
+        """A bare wrist's rotor has a hundred times the inertia of its link. A law that does not know of it lets it
+        swing on its spring until the arm is held. With MULTIPANDA_FULL two arms with 20 seeds each."""
+        full = os.environ.get("MULTIPANDA_FULL")
+        cases = [(m, s) for m in ("fr3", "fer") for s in range(1, 21)] if full else [("fr3", 1)]
+        for model, seed in cases:
+            with self.subTest(model=model, seed=seed), tempfile.TemporaryDirectory() as folder:
+                scene = pathlib.Path(folder) / "excitation.yaml"
+                done = call("excite", model, "--no-hand", "--seed", seed, "--out", scene)
+                self.assertEqual(done.returncode, 0, done.stderr)
+                for backend in ("mujoco", "virtual"):
+                    run = call("run", scene, "--fast", "--json", "--backend", backend)
+                    self.assertEqual((run.returncode, json.loads(run.stdout)["faults"]), (0, []), backend)
 
 
 if __name__ == "__main__":

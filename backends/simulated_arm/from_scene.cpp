@@ -1,8 +1,10 @@
 #include "backends/simulated_arm/from_scene.hpp"
 
+#include <algorithm>
 #include <stdexcept>
 
 #include "arm_interface/declared_hand.hpp"
+#include "models/arm_source.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
@@ -33,6 +35,13 @@ MassExcess hand_excess(const RobotDescription& robot) {
   return {declared.mass - hand.mass, declared.mass * declared.p_FC - hand.mass * hand.p_FC};
 }
 
+// The model that the arm sends to programs; null: that of its links.
+std::shared_ptr<const ArmModel> own_model(const SceneArm& arm, RobotDescription robot) {
+  if (robot.own_model.empty()) return nullptr;
+  std::copy(robot.own_model.begin(), robot.own_model.end(), robot.links.begin() + 1);
+  return std::make_shared<const ArmModel>(arm_model_source(robot, arm.X_WB, arm.hand));
+}
+
 }  // namespace
 
 SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm, bool real_sensors) {
@@ -59,7 +68,8 @@ SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm, boo
       .friction = friction_of(scene, robot),
       .motion_limits = MotionLimits::of(robot),
       .real_sensors = real_sensors,
-      .hand_excess = real_sensors && scene.arms[arm].hand && robot.hand ? hand_excess(robot) : MassExcess{}};
+      .hand_excess = real_sensors && scene.arms[arm].hand && robot.hand ? hand_excess(robot) : MassExcess{},
+      .estimating_model = real_sensors ? own_model(scene.arms[arm], robot) : nullptr};
 }
 
 std::optional<JointFriction> friction_of(const Scene& scene, const RobotDescription& robot) {

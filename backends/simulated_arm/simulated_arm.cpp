@@ -114,6 +114,7 @@ SimulatedArm::SimulatedArm(SimulatedArmConfig config, const JointVector& q_start
       measured_limits_(config_.motion_limits, config_.model->limits().tau_max, config_.workspace),
       self_collision_(*config_.model),
       contact_(config_.model->joint_count(), config_.real_sensors, config_.hand_excess) {
+  if (config_.estimating_model) estimating_.emplace(config_.estimating_model);
   if (config_.real_sensors) sensors_.emplace(joint_count(), config_.seed, config_.torque_sensor.has_value());
   const JointVector zero = joint_constant(joint_count(), 0);
   constexpr double kRounding = 1e-6;  // of a period
@@ -159,8 +160,13 @@ void SimulatedArm::reset(const JointVector& q) {
   publish_configuration();
 }
 
-void SimulatedArm::publish_configuration() {
+void SimulatedArm::configure_model() {
   model_.set_config(settings_.frames, settings_.tool, load_.now());
+  if (estimating_) estimating_->set_config(settings_.frames, settings_.tool, load_.now());
+}
+
+void SimulatedArm::publish_configuration() {
+  configure_model();
   state_.frames = settings_.frames;
   state_.tool = settings_.tool;
   state_.load = settings_.load;

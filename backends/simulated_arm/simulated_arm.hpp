@@ -51,6 +51,7 @@ struct SimulatedArmConfig {
   MotionLimits motion_limits;             // of the control interface: MotionLimits::of(robot)
   bool real_sensors = false;              // sensors and estimate of external torques as real arms have them
   MassExcess hand_excess = {};            // counted by that estimate
+  std::shared_ptr<const ArmModel> estimating_model = {};  // of that estimate; null: `model`
   std::optional<WorkspaceBox> workspace;  // of the end effector's origin, in B; none: not checked
 };
 
@@ -165,6 +166,7 @@ class SimulatedArm {
   const JointVector& guided_torque(const JointVector& q, const JointVector& dq);
   const JointVector& follow_torque();
   void add_ripple(const JointVector& q);
+  void configure_model();
   void update_model(const JointVector& q, const JointVector& dq);
   void sense(const PlantMeasurement& plant);
   void watch_measurement();
@@ -176,6 +178,7 @@ class SimulatedArm {
   ArmSettings settings_, start_settings_;
   LoadRamp load_;  // the part of the declared load that is active
   ModelTerms model_;
+  std::optional<ModelTerms> estimating_;  // SimulatedArmConfig::estimating_model
   ArmState state_;
   InterfaceState interface_;
   // The conditions that determine the mode, strongest first.

@@ -7,11 +7,12 @@ namespace multipanda {
 
 void SimulatedArm::measure(const PlantMeasurement& plant) {
   sense(plant);
-  if (load_.advance(config_.period_s)) model_.set_config(settings_.frames, settings_.tool, load_.now());
+  if (load_.advance(config_.period_s)) configure_model();
   update_model(state_.q, state_.dq);
+  if (estimating_) estimating_->update(state_.q, state_.dq);
   const bool generates = moving_ && motion_.generator != MotionGenerator::none;
-  contact_.update(model_, state_, generates ? desired_.state().ddq : JointVector(), config_.period_s,
-                  settings_.thresholds);
+  contact_.update(estimating_ ? *estimating_ : model_, state_,
+                  generates ? desired_.state().ddq : JointVector(), config_.period_s, settings_.thresholds);
   if (estimates_forces()) {
     state_.tau_ext_hat = contact_.tau_ext_hat();
     state_.F_K_W_est = contact_.F_K_W();

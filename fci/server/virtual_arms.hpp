@@ -91,7 +91,7 @@ struct VirtualArmOptions {
   LibraryModel library = LibraryModel::own;  // what arms send up to protocol version 9
   // With fidelity `realistic`, sensors and estimates as on real arms (MujocoPlant's PlantOptions), which are
   // not part of any model: off where a simulation is compared with its own model.
-  bool real_sensors = false;
+  bool real_sensors = true;
   bool grippers = true;     // of the hands and vacuum grippers in the scene, at their own ports
   DatagramFaults faults{};  // of every arm, from the start
   std::uint64_t seed = 1;   // of the faults

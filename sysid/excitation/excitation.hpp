@@ -46,9 +46,10 @@ double condition_of(BaseCondition& condition, const ExcitationMotion& motion);
 Excitation optimize_excitation(const RobotDescription& robot, const ExcitationOptions& options);
 
 // A scene file whose only arm, of `model` (a name or a path), goes to the motion's start, moves, and rests.
-// It runs on every backend. `note` becomes a comment.
-std::string excitation_scene(const Excitation& excitation, const std::string& model, bool hand,
-                             const std::string& note);
+// It runs on every backend: the rotors that the model states act, and the law knows them, or they would swing
+// on its springs. `note` becomes a comment.
+std::string excitation_scene(const Excitation& excitation, const RobotDescription& robot,
+                             const std::string& model, bool hand, const std::string& note);
 
 // Gains of the joint impedance in that scene, as text of its `parameters`. Soft enough for arms with 3 ms
 // delay and 30 Hz torque bandwidth, including a light last joint; stiff enough that friction and an unknown

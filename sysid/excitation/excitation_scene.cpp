@@ -56,8 +56,9 @@ std::string motion_event(double at_s, const std::string& controllet, const Excit
   return text;
 }
 
-std::string excitation_scene(const Excitation& excitation, const std::string& model, bool hand,
-                             const std::string& note) {
+std::string excitation_scene(const Excitation& excitation, const RobotDescription& robot,
+                             const std::string& model, bool hand, const std::string& note) {
+  const bool rotors = acting_motor_inertia(robot, 0).size() > 0;
   const ExcitationMotion& motion = excitation.motion;
   const auto n = motion.q_start.size();
   double fastest = 0;
@@ -71,12 +72,12 @@ std::string excitation_scene(const Excitation& excitation, const std::string& mo
       "name: excitation\n"
       "description: Exciting motion for identification, within every limit of the arm\n"
       "duration_s: {}\n\n"
-      "plant: {{fidelity: realistic}}\n\n"
+      "plant: {{fidelity: realistic{}}}\n\n"
       "arms:\n"
       "  - name: arm\n"
       "    model: {}\n"
       "    hand: {}\n"
-      "    start_rad: {}\n\n"
+      "    start_rad: {}\n{}\n"
       "contact_bounds: {{hand_speed_m_per_s: 3, spring_force_n: 1000, spring_moment_nm: 300}}  # no person "
       "in reach\n\n"
       "controllets:\n"
@@ -90,8 +91,9 @@ std::string excitation_scene(const Excitation& excitation, const std::string& mo
       "timeline:\n"
       "  # To the start from any configuration; a real arm moves slowly.\n{}{}",
       model, excitation.condition, excitation.parameters, excitation.random_best, note,
-      number_text(kExcitationBegins + motion.duration() + 1), model, hand ? "true" : "false",
-      list(motion.q_start.data(), n), excitation_gains(static_cast<std::size_t>(n)),
+      number_text(kExcitationBegins + motion.duration() + 1), rotors ? ", rotor_inertia_hidden: 0" : "",
+      model, hand ? "true" : "false", list(motion.q_start.data(), n),
+      rotors ? "    known_rotor_inertia: model\n" : "", excitation_gains(static_cast<std::size_t>(n)),
       number_text(std::ceil(10 * fastest) / 10), reference_event(0.1, "joints", motion.q_start),
       motion_event(kExcitationBegins, "joints", motion));
 }

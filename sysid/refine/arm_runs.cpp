@@ -161,7 +161,8 @@ class Runner {
     Scene scene = parse_scene(run.scene, settings_.scene_path, registry);
     SessionOptions options{.paced = false, .record = scratch};
     // Simulated arms also run behind virtual ones, so that the arm itself estimates forces on both sides.
-    options.backend.kind = BackendKind::virtual_arms;
+    // Their sensors are plain, as those of hidden plants.
+    options.backend = {.kind = BackendKind::virtual_arms, .real_sensors = false};
     std::optional<ArmProcess> process;
     const RefineTarget& target = settings_.target;
     if (run.on_target && target.hidden) {
