@@ -69,8 +69,8 @@ void add_cockpit(Program& program) {
   command->add_flag("--until-input-ends", arguments->until_input_ends,
                     "End when standard input closes, as when the program that started it has ended");
   program.on(command, [arguments] {
-    std::vector<std::filesystem::path> logs{find_log(arguments->log)};
-    if (!arguments->other.empty()) logs.push_back(find_log(arguments->other));
+    std::vector<std::filesystem::path> logs{own_log(find_log(arguments->log))};
+    if (!arguments->other.empty()) logs.push_back(own_log(find_log(arguments->other)));
     return show_logs(logs, arguments->port, arguments->until_input_ends);
   });
 }

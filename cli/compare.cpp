@@ -32,7 +32,8 @@ ByArm read_all(const fs::path& path, const CompareArguments& options) {
     MeasuredLogOptions reading;
     reading.needs_dynamics = false;
     reading.arm = options.arm;
-    if (repeat.extension() == ".csv") reading.columns = read_column_map(options.columns);
+    if (repeat.extension() != ".mcap" && !fs::is_directory(repeat))
+      reading.columns = read_column_map(options.columns);
     for (MeasuredLog& log : read_measured(repeat, reading)) logs[log.arm].push_back(std::move(log));
   }
   return logs;
@@ -156,7 +157,8 @@ void add_compare(Program& program) {
       "  multipanda compare recorded/ simulated/ --gate limits.yaml     folders of repeats, for CI\n"
       "  multipanda compare real.csv sim.csv --columns 'q=pos_{},dq=vel_{},tau=effort_{},t=stamp_ms * "
       "0.001'\n"
-      "Logs: MCAP of multipanda, logs of libfranka, CSV. Fails (exit code 1) if a limit of the gate is "
+      "Logs: of multipanda, of libfranka, CSV, NPZ, bags of ROS. Fails (exit code 1) if a limit of the gate "
+      "is "
       "exceeded.");
   command
       ->add_option("real", options->real, "Measured data: a log, the folder of a run, or a folder of repeats")

@@ -55,7 +55,7 @@ int export_dataset(LerobotOptions dataset, const ExportOptions& options) {
     dataset.leaders[pair.substr(0, equal)] = pair.substr(equal + 1);
   }
   std::vector<std::filesystem::path> logs;
-  for (const std::string& log : options.all) logs.push_back(find_log(log));
+  for (const std::string& log : options.all) logs.push_back(own_log(find_log(log)));
   const LerobotResult result = export_lerobot(logs, options.lerobot, dataset);
   for (const auto& note : result.notes) fmt::print(stderr, "note: {}\n", note);
   fmt::print(stderr, "{}\n", result.said);
@@ -74,7 +74,7 @@ int run(ExportOptions options) {
     throw UsageError(
         "export: name a format: --csv, --npz or --lerobot for a log, --urdf or --mjcf for a model");
   }
-  const fs::path log = find_log(options.what);
+  const fs::path log = own_log(find_log(options.what));
   fs::path out = options.out;
   if (out.empty()) out = options.csv ? log.parent_path() / "csv" : fs::path(log).replace_extension(".npz");
   const ExportResult result = options.csv ? export_csv(log, out) : export_npz(log, out);

@@ -9,6 +9,7 @@
 #include "scene/build.hpp"
 #include "sysid/identification/rollout_fit.hpp"
 #include "sysid/measured/scene_model.hpp"
+#include "yaml_reader/node.hpp"
 
 // `multipanda fit` finds delay and torque bandwidth of an arm, or the stiffness of a surface, by replaying a
 // log in simulation (docs/identification.md).
@@ -19,7 +20,7 @@ namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
 
 struct FitArguments {
-  std::string log, arm, surface, plant_model, out;
+  std::string log, arm, scene, surface, plant_model, out;
   RolloutOptions options;
   bool json = false;
 };
@@ -29,6 +30,17 @@ std::size_t arm_of(const Scene& scene, const MeasuredLog& log) {
     if (scene.arms[i].name == log.arm) return i;
   }
   throw UsageError("fit: the scene in " + log.source + " has no arm '" + log.arm + "'");
+}
+
+// A log of another program in the given scene, by whose arm poses and gravity are computed. The torque in use
+// is then the best record of what was commanded.
+void put_into_scene(MeasuredLog& log, const std::string& file) {
+  log.scene_text = read_text(file);
+  log.scene_path = file;
+  const Scene scene = rebuild_scene(log.scene_text, file);
+  if (scene.arms.size() == 1) log.arm = scene.arms.front().name;
+  complete_from_scene(log, log.scene_text, file, log.arm);
+  if (log.tau_cmd.rows() == 0) log.tau_cmd = log.tau_d;
 }
 
 Json list(const Eigen::VectorXd& v) { return std::vector<double>(v.data(), v.data() + v.size()); }
@@ -111,15 +123,17 @@ int run(FitArguments& arguments) {
   const Console console(arguments.json);
   MeasuredLogOptions reading;
   reading.arm = arguments.arm;
-  const std::vector<MeasuredLog> logs = read_measured(arguments.log, reading);
+  std::vector<MeasuredLog> logs = read_measured(arguments.log, reading);
   if (logs.size() != 1) {
     throw UsageError(fmt::format("fit: {} has {} arms and one is fitted at a time; name it with --arm",
                                  arguments.log, logs.size()));
   }
-  const MeasuredLog& log = logs.front();
+  MeasuredLog& log = logs.front();
+  if (!arguments.scene.empty()) put_into_scene(log, arguments.scene);
   if (log.scene_text.empty()) {
     throw UsageError("fit: " + arguments.log +
-                     " has no scene to replay it in; use a log of `multipanda run --record`");
+                     " has no scene to replay it in; name one with --scene, or use a log of `multipanda run "
+                     "--record`");
   }
   Scene scene = rebuild_scene(log.scene_text, log.scene_path);
   if (!arguments.plant_model.empty()) scene.arms[arm_of(scene, log)].plant_model = arguments.plant_model;
@@ -145,10 +159,10 @@ void add_fit(Program& program) {
       "simulation",
       "  multipanda fit runs/excitation/log.mcap --plant-model my/panda.yaml --out my/panda_tuned.yaml\n"
       "  multipanda fit runs/task_3/log.mcap --surface table --json");
-  command->add_option("log", arguments->log, "Log of multipanda with its scene, or the folder of a run")
-      ->required()
-      ->type_name("LOG");
+  command->add_option("log", arguments->log, "Log, or folder of a run")->required()->type_name("LOG");
   command->add_option("--arm", arguments->arm, "Arm to use if the log has several");
+  command->add_option("--scene", arguments->scene, "Scene of a log that has none: CSV, NPZ, a bag")
+      ->check(CLI::ExistingFile);
   command->add_option("--surface", arguments->surface, "Object of the scene whose stiffness is fitted")
       ->type_name("OBJECT");
   command->add_option("--plant-model", arguments->plant_model,

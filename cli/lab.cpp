@@ -18,6 +18,6 @@ int main(int argc, char** argv) {
                  "  multipanda lab experiment task-1 --fast\n"
                  "  multipanda lab doctor\n"
                  "Exit codes: 0 success; 1 run failed; 2 invalid arguments or a refused scene."},
-      {add_experiment, add_study, add_compare, add_excite, add_identify, add_predict, add_fit, add_refine,
-       add_commission, add_doctor, add_communication_test, add_generate, add_via_points});
+      {add_experiment, add_study, add_compare, add_excite, add_identify, add_predict, add_observe, add_fit,
+       add_refine, add_commission, add_doctor, add_communication_test, add_generate, add_via_points});
 }

@@ -69,6 +69,7 @@ void add_doctor(Program& program);
 void add_generate(Program& program);
 void add_identify(Program& program);
 void add_predict(Program& program);
+void add_observe(Program& program);
 void add_fit(Program& program);
 void add_via_points(Program& program);
 void add_soak(Program& program);

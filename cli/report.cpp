@@ -6,8 +6,10 @@
 
 #include "cli/cockpit_arguments.hpp"
 #include "cli/program.hpp"
+#include "logs/recorder.hpp"
 #include "report/report.hpp"
 #include "runtime/faulty.hpp"
+#include "sysid/measured/measured_log.hpp"
 
 namespace multipanda::cli {
 namespace {
@@ -28,7 +30,8 @@ std::vector<fs::path> logs_in(const fs::path& directory) {
 
 fs::path find_log(const fs::path& directory) {
   std::error_code error;
-  if (fs::is_regular_file(directory, error)) return directory;
+  if (fs::is_regular_file(directory, error) || fs::exists(directory / "metadata.yaml", error))
+    return directory;
   if (!fs::is_directory(directory, error)) {
     throw UsageError(fmt::format("there is no folder or log {}; name one made by 'multipanda run --record'",
                                  directory.string()));
@@ -53,6 +56,21 @@ fs::path find_log(const fs::path& directory) {
                     directory.string(), directory.string()));
   }
   return newest;
+}
+
+fs::path own_log(const fs::path& file) {
+  if (is_own_log(file)) return file;
+  try {
+    const auto logs = read_measured(file, {.needs_dynamics = false});
+    const fs::path log = make_run_directory("runs", file.stem().string()) / "log.mcap";
+    write_own_log(logs, log);
+    for (const MeasuredLog& one : logs) {
+      for (const std::string& warning : one.warnings) fmt::print(stderr, "warning: {}\n", warning);
+    }
+    return log;
+  } catch (const LogRefused& error) {
+    throw UsageError(error.what());
+  }
 }
 
 fs::path report_of(const fs::path& log, const Console& console, const RunSummary* run) {
@@ -83,10 +101,11 @@ void add_report(Program& program) {
       program.add("report", "Make an HTML report of a recorded run",
                   "  multipanda report runs                            of the newest run in runs\n"
                   "  multipanda report runs/20260102_120000_two_arms   of this run\n"
+                  "  multipanda report measured.npz                    of another program's recording\n"
                   "  multipanda report runs --cockpit                  shows it, as multipanda cockpit does");
   command
       ->add_option("directory", arguments->directory,
-                   "Folder of a run, or of several runs, of which the newest is used")
+                   "Log, folder of a run, or of several runs, of which the newest is used")
       ->required()
       ->type_name("DIR");
   add_cockpit_arguments(
@@ -99,7 +118,7 @@ void add_report(Program& program) {
           "With --cockpit: end when standard input closes, as when the program that started it has ended")
       ->needs("--cockpit");
   program.on(command, [arguments]() -> int {
-    const fs::path log = find_log(arguments->directory);
+    const fs::path log = own_log(find_log(arguments->directory));
     if (arguments->cockpit.asked)
       return show_logs({log}, arguments->cockpit.port, arguments->until_input_ends);
     const fs::path report = report_of(log, Console(true));

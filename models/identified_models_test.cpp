@@ -69,9 +69,9 @@ RobotDescription random_robot(const RobotDescription& base, unsigned seed) {
   robot.motor_inertia = draw.joints(n, 0, 0.5);
   robot.rotor_inertia = draw.joints(n, 0, 0.9);
   robot.base_tilt = {draw.between(-0.05, 0.05), draw.between(-0.05, 0.05)};
-  robot.identified_range = IdentifiedRange{robot.limits.q_min * draw.between(0.1, 0.9),
-                                           robot.limits.q_max * draw.between(0.1, 0.9),
-                                           robot.limits.dq_max * draw.between(0.1, 0.9)};
+  robot.identified_range = IdentifiedRange{
+      robot.limits.q_min * draw.between(0.1, 0.9), robot.limits.q_max * draw.between(0.1, 0.9),
+      robot.limits.dq_max * draw.between(0.1, 0.9), seed % 3 == 0 ? JointVector() : draw.joints(n, 0, 0.2)};
   robot.q_home += draw.joints(n, -1e-3, 1e-3);
   return robot;
 }
@@ -126,6 +126,7 @@ void expect_same(const RobotDescription& a, const RobotDescription& b) {
   EXPECT_EQ(a.identified_range->q_min, b.identified_range->q_min);
   EXPECT_EQ(a.identified_range->q_max, b.identified_range->q_max);
   EXPECT_EQ(a.identified_range->dq_max, b.identified_range->dq_max);
+  expect_same(a.identified_range->rmse, b.identified_range->rmse);
   expect_same(a.q_home, b.q_home);
 }
 

@@ -201,6 +201,7 @@ void visit(Archive& archive, IdentifiedRange& range, const std::size_t& n) {
   archive(Key("lower_rad").any_turn().joints(n).required(), range.q_min);
   archive(Key("upper_rad").any_turn().joints(n).required(), range.q_max);
   archive(Key("velocity_rad_per_s").at_least(0).joints(n).required(), range.dq_max);
+  archive(Key("expected_rmse_nm").at_least(0).joints(n), range.rmse);
 }
 
 void visit(Archive& archive, Actuation& actuation) {

@@ -152,6 +152,7 @@ struct HandDescription {
 struct IdentifiedRange {
   JointVector q_min, q_max;  // [rad]
   JointVector dq_max;        // [rad/s]
+  JointVector rmse;          // expected torque error on other motion within it [N m]; empty: not known
 };
 
 struct RobotDescription {

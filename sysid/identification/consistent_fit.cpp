@@ -15,8 +15,9 @@ constexpr double kLeastSpread = 1e-3;  // smallest spread for the weights [N m]
 constexpr double kLittle = 1e-9;       // keeps unidentifiable parameters at zero
 // Cost of amplitudes and tilt, chosen by cutting files of real arms (see docs/identification.md). A tilt of
 // 0.3 degrees costs as much as a quarter of one joint's residual.
-constexpr double kFrictionWeight = 0.1;            // [1/(N m)^2]
+constexpr double kFrictionWeight = 1;              // [1/(N m)^2]
 constexpr double kTiltWeight = 100 * 9.81 * 9.81;  // [1/rad^2]
+constexpr double kLongestElement = 1.0 / 3;        // of a joint's travel
 
 // Position of each unknown in the vector x = (theta; f of joint 1, ...; a, b; k).
 struct Layout {
@@ -44,7 +45,9 @@ class Newton {
       priors_.emplace_back(problem.prior.segment<10>(10 * i));
       for (const std::size_t part : family.parts) {
         const std::size_t x = index(at_.friction(i)) + part;
-        free_[x] = true;
+        const FrictionPart& of = problem.parts[part];
+        free_[x] = of.kind != FrictionKind::presliding || problem.travel.size() == 0 ||
+                   of.distance <= kLongestElement * problem.travel[i];
         bounded_[x] = has_sign(problem.parts[part]) && problem.parts[part].kind != FrictionKind::acceleration;
       }
       free_[index(at_.gain(i))] = family.gains;

@@ -14,7 +14,8 @@
 //   sum_j w_j^2 mean_t e_j^2 + lambda sum_links d(P_i) + gain_weight |k|^2 + small terms on tilt and f
 //     + sum_i hold_i (theta_i - prior_i)^2
 //   e_j = (1 + k_j) ((Y + a Y_a + b Y_b) theta)_j + F_j f_j - tau_j
-// with d the distance to the prior (Divergence) and f >= 0 where friction would otherwise add energy. The
+// with d the distance to the prior (Divergence) and f >= 0 where friction would otherwise add energy. Dahl
+// elements longer than a third of a joint's travel, which never slide fully, are left out for that joint. The
 // solver is damped Newton (Gauss-Newton where unknowns multiply each other). Amplitudes stay at their bound
 // while the gradient pushes them there (Bertsekas, SIAM J. Control Optim. 1982, doi 10.1137/0320018). Weights
 // are w_j^2 = 1 / (s_j s), with s_j the spread of the residuals and s its geometric mean, over a few passes.
@@ -34,7 +35,8 @@ struct FitProblem {
   std::vector<bool> fixed;          // per link: held at the prior
   Eigen::VectorXd hold;             // of every theta: weight of its squared distance to the prior; empty: 0
   Theta known = Theta::Zero();      // added to the last link: hand, tool
-  double lambda = 3e-3;
+  Eigen::VectorXd travel;           // of every joint in the data (n) [rad]; empty: not known
+  double lambda = 1e-2;
   double gain_weight = 1;
   int passes = 4;
 };

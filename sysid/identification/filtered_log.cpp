@@ -121,6 +121,15 @@ FilteredLog filter_log(const MeasuredLog& log, double shortest) {
   return out;
 }
 
+Eigen::VectorXd travel_of(std::span<const FilteredLog> logs) {
+  Eigen::VectorXd low = logs.front().q.colwise().minCoeff(), high = logs.front().q.colwise().maxCoeff();
+  for (const FilteredLog& log : logs) {
+    low = low.cwiseMin(log.q.colwise().minCoeff().transpose());
+    high = high.cwiseMax(log.q.colwise().maxCoeff().transpose());
+  }
+  return high - low;
+}
+
 Index repeated_after(const FilteredLog& log) {
   const Eigen::MatrixXd q = log.kept_rows(log.q), dq = log.kept_rows(log.dq);
   const auto moves = [&](Index row) { return dq.row(row).cwiseAbs().maxCoeff() > kMovingJoint; };

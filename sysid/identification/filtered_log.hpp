@@ -1,6 +1,7 @@
 #pragma once
 
 #include <optional>
+#include <span>
 #include <vector>
 
 #include <Eigen/Core>
@@ -54,6 +55,9 @@ Eigen::MatrixXd protocol_filter(const Eigen::MatrixXd& series);
 
 // Throws LogRefused if the log is shorter than `shortest` [s].
 FilteredLog filter_log(const MeasuredLog& log, double shortest);
+
+// How far every joint moves, all logs together (n) [rad].
+Eigen::VectorXd travel_of(std::span<const FilteredLog> logs);
 
 // Period of a repetitive motion, in kept rows; 0: not repetitive. A held-out block is no test on new motion
 // if another block contains the same motion.

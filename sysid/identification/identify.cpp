@@ -168,7 +168,7 @@ void put_scores(const CrossValidation& validation, const Candidates& set, std::s
   }
 }
 
-void put_held_out(std::span<const MeasuredLog> logs, const EquationSource& source, const FitProblem& problem,
+void put_held_out(std::span<const MeasuredLog> logs, const EquationSource& source, FitProblem problem,
                   const Family& family, std::size_t folds, const std::function<void(FilteredLog&)>& prepare,
                   Identification& out) {
   const auto part = [&](double from, double to) {
@@ -185,6 +185,7 @@ void put_held_out(std::span<const MeasuredLog> logs, const EquationSource& sourc
       longest_test = std::max(longest_test, (1 - (to - from)) * log.duration());
     if (longest_test < 0.8) continue;
     const std::vector<FilteredLog> fitted = part(from, to);
+    problem.travel = travel_of(fitted);
     const std::vector<Equations> blocks = equations_of(fitted, source, folds);
     const auto [fit, expected] =
         fit_and_expect(blocks, equations_of(fitted, source, folds, true), problem, family);
@@ -281,7 +282,10 @@ Identification identify(std::span<const MeasuredLog> logs, const RobotDescriptio
   const std::vector<Equations> alone = equations_of(filtered.logs, source, folds, true);
   const Equations all = stacked(blocks, [](std::size_t) { return true; });
 
-  FitProblem problem{.parts = set.parts, .prior = thetas_of(prior), .lambda = options.prior_weight};
+  FitProblem problem{.parts = set.parts,
+                     .prior = thetas_of(prior),
+                     .travel = travel_of(filtered.logs),
+                     .lambda = options.prior_weight};
   if (const auto body = known_body(prior, options.hand, options.tool)) problem.known = theta_of(*body);
   Eigen::VectorXd carried = problem.prior;
   carried.tail<10>() += problem.known;
@@ -331,7 +335,7 @@ Identification identify(std::span<const MeasuredLog> logs, const RobotDescriptio
       std::filesystem::path(logs.front().source).filename().string(),
       logs.size() > 1 ? fmt::format(" and {} more", logs.size() - 1) : "", prior.name, out.family);
   out.robot.origin["inertials"] = note;
-  out.robot.identified_range = IdentifiedRange{out.q_min, out.q_max, out.dq_max};
+  out.robot.identified_range = IdentifiedRange{out.q_min, out.q_max, out.dq_max, out.rmse_expected};
   out.linear = linear_stage(filtered.logs, set, family, out.robot, options);
   put_predictions(filtered.logs, prior, options, out);
   return out;

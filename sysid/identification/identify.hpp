@@ -23,7 +23,7 @@ struct IdentifyOptions {
   std::vector<std::string> families;  // only these candidates (family_names()); empty: all
   bool choose = true;                 // false: the last of `families`, without cross-validation
   std::size_t folds = 3;              // blocks of cross-validation
-  double prior_weight = 3e-3;         // of the distance to the prior (lambda)
+  double prior_weight = 1e-2;         // of the distance to the prior (lambda)
   unsigned threads = 2;
 };
 

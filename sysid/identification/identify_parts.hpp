@@ -28,7 +28,7 @@ void put_scores(const CrossValidation& validation, const Candidates& candidates,
 
 // Train and test by time: the first part of every log is fitted and the rest predicted as a separate log; for
 // `out.cuts` also with other shares and in reverse order.
-void put_held_out(std::span<const MeasuredLog> logs, const EquationSource& source, const FitProblem& problem,
+void put_held_out(std::span<const MeasuredLog> logs, const EquationSource& source, FitProblem problem,
                   const Family& family, std::size_t folds, const std::function<void(FilteredLog&)>& prepare,
                   Identification& out);
 

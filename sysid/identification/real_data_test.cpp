@@ -63,7 +63,7 @@ TEST_F(RealPanda, is_predicted_better_than_by_published_parameters_with_physical
   int compared = 0;
   for (const TimeCut& cut : id.cuts) {
     if (std::abs(cut.to - cut.from - 0.6) > 1e-9) continue;
-    EXPECT_NEAR(cut.rmse_expected.mean() / cut.rmse_test.mean(), 1, 0.15) << cut.from;
+    EXPECT_NEAR(cut.rmse_expected.mean() / cut.rmse_test.mean(), 1, 0.25) << cut.from;
     ++compared;
   }
   EXPECT_EQ(compared, 2);

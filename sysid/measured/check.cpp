@@ -37,6 +37,7 @@ template <typename Visit>
 void for_each_matrix(MeasuredLog& log, Visit&& visit) {
   visit("q", log.q), visit("dq", log.dq), visit("tau", log.tau), visit("tau_d", log.tau_d);
   visit("tau_cmd", log.tau_cmd), visit("gravity", log.gravity), visit("x_EE", log.x_EE);
+  visit("tau_ext", log.tau_ext), visit("contact", log.contact);
   visit("quat_EE", log.quat_EE), visit("F_EE", log.F_EE), visit("F_true", log.F_true);
 }
 

@@ -1,6 +1,7 @@
 #include "sysid/measured/measured_log.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cctype>
 
 #include <yaml-cpp/yaml.h>
@@ -12,8 +13,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// A bag of rosbag2 is a folder with its description.
 bool is_log(const fs::path& path) {
-  return fs::is_regular_file(path) && (path.extension() == ".mcap" || path.extension() == ".csv");
+  if (fs::is_directory(path)) return fs::exists(path / "log.mcap") || fs::exists(path / "metadata.yaml");
+  constexpr std::array kKinds{".mcap", ".csv", ".npz", ".npy", ".db3", ".bag"};
+  return std::ranges::find(kKinds, path.extension()) != kKinds.end();
 }
 
 // "run_2" before "run_10".
@@ -54,27 +58,22 @@ Eigen::MatrixXd MeasuredLog::control_error() const {
 }
 
 std::vector<MeasuredLog> read_measured(const fs::path& given, const MeasuredLogOptions& options) {
-  const fs::path path = fs::is_directory(given) ? given / "log.mcap" : given;
-  if (!fs::is_regular_file(path)) {
-    throw LogRefused(path.string() + ": no such file; expected a log (.mcap, .csv) or the folder of a run");
+  const bool run = fs::is_directory(given) && !fs::exists(given / "metadata.yaml");
+  const fs::path path = run ? given / "log.mcap" : given;
+  if (!fs::exists(path)) {
+    throw LogRefused(path.string() +
+                     ": no such file; expected a log (.mcap, .csv, .npz, .db3, .bag) or the folder of a run");
   }
-  if (const auto kind = path.extension();
-      kind == ".npz" || kind == ".npy" || kind == ".db3" || kind == ".bag") {
-    const bool bag = kind == ".db3" || kind == ".bag";
-    throw LogRefused(
-        path.string() + ": expected .mcap or .csv; " +
-        (bag ? "convert it with `ros2 bag convert` to storage mcap, uncompressed"
-             : "write a CSV with numpy.savetxt: t, q1.., dq1.., tau1.. (comments='', header=names)"));
-  }
+  const bool own = path.extension() == ".mcap" && is_own_log(path);
+  if (own && !options.columns.empty())
+    throw LogRefused(path.string() + ": a column map does not apply to logs of multipanda; remove --columns");
   std::vector<MeasuredLog> logs;
-  if (path.extension() == ".mcap") {
-    if (!options.columns.empty())
-      throw LogRefused(path.string() + ": a column map applies to CSV files only; remove --columns");
-    logs = read_mcap(path, options);
+  if (own || path.extension() == ".csv") {
+    logs = own ? read_mcap(path, options) : std::vector{read_csv(path, options)};
   } else {
-    logs.push_back(read_csv(path, options));
-    if (!options.arm.empty()) logs.back().arm = options.arm;
+    logs = read_others(path, options);
   }
+  if (logs.size() == 1 && logs.front().arm.empty()) logs.front().arm = options.arm;
   for (MeasuredLog& log : logs) check_measured(log, options.refuse_above_gap_s);
   return logs;
 }
@@ -118,15 +117,15 @@ ColumnMap read_column_map(const std::string& given) {
 }
 
 std::vector<fs::path> find_repeats(const fs::path& path) {
-  if (fs::is_regular_file(path) || fs::is_regular_file(path / "log.mcap")) return {path};
+  if (fs::is_regular_file(path) || (fs::is_directory(path) && is_log(path))) return {path};
   if (!fs::is_directory(path)) throw LogRefused(path.string() + ": no such file or folder");
   std::vector<fs::path> found;
   for (const auto& entry : fs::directory_iterator(path)) {
-    if (is_log(entry.path()) || fs::is_regular_file(entry.path() / "log.mcap")) found.push_back(entry.path());
+    if (is_log(entry.path())) found.push_back(entry.path());
   }
   if (found.empty()) {
     throw LogRefused(path.string() +
-                     ": contains no log; expected log.mcap, *.mcap, *.csv or folders of runs");
+                     ": contains no log; expected *.mcap, *.csv, *.npz, *.db3, *.bag or folders of runs");
   }
   std::sort(found.begin(), found.end(), before);
   return found;

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <map>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -23,6 +24,8 @@ struct MeasuredLog {
   Eigen::MatrixXd tau_d;    // torque in use, without gravity (tau_J_d) [N m] (N x n)
   Eigen::MatrixXd tau_cmd;  // torque requested by the controllers, without gravity [N m] (N x n)
   Eigen::MatrixXd gravity;  // of the arm's own model [N m] (N x n)
+  Eigen::MatrixXd tau_ext;  // external torque as the arm estimates it, tau_J - model [N m] (N x n)
+  Eigen::MatrixXd contact;  // 1 while something is known to touch the arm, otherwise 0 (N x 1)
   Eigen::MatrixXd x_EE;     // position of the end effector in the world [m] (N x 3)
   Eigen::MatrixXd quat_EE;  // orientation in the world, w x y z (N x 4)
   Eigen::MatrixXd F_EE;     // estimated wrench of the arm on its environment, F_K_W [N, N m] (N x 6)
@@ -49,8 +52,9 @@ struct LogRefused : std::runtime_error {
 };
 
 // Names of CSV columns: our name -> the file's. Our names are t and, for joint k from 1, qk, dqk, tauk,
-// tau_dk, tau_cmdk, gravityk; also x_EE1..3, quat_EE1..4, F_EE1..6. One entry can name a family: "q" ->
-// "position_{}" ({} counts from 1, {0} from 0). A factor may follow the file's name: "time_ms * 0.001".
+// tau_dk, tau_cmdk, gravityk, tau_extk; also x_EE1..3, quat_EE1..4, F_EE1..6, contact. One entry can name a
+// family: "q" -> "position_{}" ({} counts from 1, {0} from 0). A factor may follow the file's name:
+// "time_ms * 0.001".
 using ColumnMap = std::map<std::string, std::string>;
 
 struct MeasuredLogOptions {
@@ -61,18 +65,18 @@ struct MeasuredLogOptions {
 };
 
 // Reads log.mcap (or the folder of a run that has one), CSV with columns t, q1.., dq1.., tau1.., tables of
-// `export --csv`, or CSV of libfranka (franka::logToCSV). A line "# base_rpy_rad: R P Y" before the names of
-// a CSV file gives the base in the world. One entry per arm. For MCAP logs x_EE, quat_EE and gravity are
-// computed at every sample from the scene in the log. Throws LogRefused, and std::invalid_argument for an
-// unknown arm.
+// `export --csv`, CSV of libfranka (franka::logToCSV), archives of numpy, and bags of ROS (read_others). A
+// line "# base_rpy_rad: R P Y" before the names of a CSV file gives the base in the world. One entry per arm.
+// For our logs x_EE, quat_EE and gravity are computed at every sample from the scene in the log. Throws
+// LogRefused, and std::invalid_argument for an unknown arm.
 std::vector<MeasuredLog> read_measured(const std::filesystem::path& path,
                                        const MeasuredLogOptions& options = {});
 
 // Reads "FILE.yaml" (a mapping of names) or "q1=joint_1,t=time". Throws LogRefused with file and line.
 ColumnMap read_column_map(const std::string& file_or_pairs);
 
-// The repeats at a path: the path itself if it is a log or a run's folder, otherwise the logs and the runs'
-// folders in it, in natural order (run_2 before run_10). Throws LogRefused if there are none.
+// The repeats at a path: the path itself if it is a log, a bag or a run's folder, otherwise those in it, in
+// natural order (run_2 before run_10). Throws LogRefused if there are none.
 std::vector<std::filesystem::path> find_repeats(const std::filesystem::path& path);
 
 // The checks for every use, done by read_measured: NaN, negative or decreasing time, gaps, units (degrees,
@@ -97,6 +101,17 @@ void complete_from_scene(MeasuredLog& log, const std::string& scene_text, const 
 
 // One arm from a CSV file, unchecked. Throws LogRefused.
 MeasuredLog read_csv(const std::filesystem::path& path, const MeasuredLogOptions& options);
+
+// All arms of a recording that sysid/measured/others.py turns into tables, unchecked: .npz, .npy, bags of ROS
+// 1 and 2. Takes a second more than other files. Throws LogRefused.
+std::vector<MeasuredLog> read_others(const std::filesystem::path& path, const MeasuredLogOptions& options);
+
+// Whether a file is a log of multipanda, also of a killed run. Opens it.
+bool is_own_log(const std::filesystem::path& path);
+
+// Writes logs of any source (of several arms, if they are of one recording) as one of our logs, for reports,
+// replays and exports. Throws std::runtime_error if the file cannot be written.
+void write_own_log(std::span<const MeasuredLog> logs, const std::filesystem::path& path);
 
 // All arms (or options.arm) of one of our logs, unchecked, completed from the scene in it. Throws LogRefused,
 // and std::invalid_argument for an unknown arm.

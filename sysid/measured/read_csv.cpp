@@ -204,19 +204,23 @@ struct Family {
   std::size_t size;
   // Prefix before [0], [1], ...: franka::logToCSV (src/log.cpp of libfranka); null: none.
   const char* libfranka;
+  const char* field;   // its name in libfranka's RobotState, before 1, 2, ...; null: ours
   const char* tables;  // prefix before _1, _2, ... of `export --csv`; null: none
   const char* unit;    // suffix of those names
 };
-constexpr std::array<Family, 9> kFamilies{{
-    {"q", &MeasuredLog::q, 0, "state.q", "q", "_rad"},
-    {"dq", &MeasuredLog::dq, 0, "state.dq", "dq", "_rad_per_s"},
-    {"tau", &MeasuredLog::tau, 0, "state.tau_J", "tau_j", "_nm"},
-    {"tau_d", &MeasuredLog::tau_d, 0, nullptr, "tau_j_d", "_nm"},
-    {"tau_cmd", &MeasuredLog::tau_cmd, 0, "cmd.tau_J_d", nullptr, nullptr},
-    {"gravity", &MeasuredLog::gravity, 0, nullptr, nullptr, nullptr},
-    {"x_EE", &MeasuredLog::x_EE, 3, nullptr, nullptr, nullptr},
-    {"quat_EE", &MeasuredLog::quat_EE, 4, nullptr, nullptr, nullptr},
-    {"F_EE", &MeasuredLog::F_EE, 6, nullptr, nullptr, nullptr},
+constexpr std::array<Family, 11> kFamilies{{
+    {"q", &MeasuredLog::q, 0, "state.q", nullptr, "q", "_rad"},
+    {"dq", &MeasuredLog::dq, 0, "state.dq", nullptr, "dq", "_rad_per_s"},
+    {"tau", &MeasuredLog::tau, 0, "state.tau_J", "tau_J", "tau_j", "_nm"},
+    {"tau_d", &MeasuredLog::tau_d, 0, nullptr, "tau_J_d", "tau_j_d", "_nm"},
+    {"tau_cmd", &MeasuredLog::tau_cmd, 0, "cmd.tau_J_d", nullptr, nullptr, nullptr},
+    {"gravity", &MeasuredLog::gravity, 0, nullptr, nullptr, nullptr, nullptr},
+    {"tau_ext", &MeasuredLog::tau_ext, 0, "state.tau_ext_hat_filtered", "tau_ext_hat_filtered", "tau_ext",
+     "_nm"},
+    {"x_EE", &MeasuredLog::x_EE, 3, nullptr, nullptr, nullptr, nullptr},
+    {"quat_EE", &MeasuredLog::quat_EE, 4, nullptr, nullptr, nullptr, nullptr},
+    {"F_EE", &MeasuredLog::F_EE, 6, nullptr, nullptr, nullptr, nullptr},
+    {"contact", &MeasuredLog::contact, 1, nullptr, nullptr, nullptr, nullptr},
 }};
 
 struct SourceColumn {
@@ -234,15 +238,20 @@ class Columns {
   std::optional<SourceColumn> time() {
     if (const auto mapped = from_map("t")) return mapped;
     if (from_libfranka()) return plain("time", 1e-3);  // written in ms
-    const auto exported = plain("t_s", 1.0);
-    return exported ? exported : plain("t", 1.0);
+    for (const char* name : {"t_s", "t", "time"}) {
+      if (const auto found = plain(name, 1.0)) return found;
+    }
+    return std::nullopt;
   }
 
   // Column k, from 0, of a family.
   std::optional<SourceColumn> of(const Family& family, std::size_t k) {
     if (const auto mapped = from_map(family.name + std::to_string(k + 1))) return mapped;
     if (const auto mapped = from_map(family.name, k)) return mapped;
-    if (const auto ours = plain(family.name + std::to_string(k + 1), 1.0)) return ours;
+    for (const char* name : {family.name, family.field}) {
+      if (name == nullptr) continue;
+      if (const auto found = plain(family.size == 1 ? name : name + std::to_string(k + 1), 1.0)) return found;
+    }
     if (family.libfranka != nullptr) {
       if (const auto found = plain(std::string(family.libfranka) + "[" + std::to_string(k) + "]", 1.0))
         return found;
@@ -257,8 +266,9 @@ class Columns {
       if (used_.contains(ours)) continue;
       throw LogRefused(
           "column map: '" + ours +
-          "' is not a known name: expected t, or q, dq, tau, tau_d, tau_cmd, gravity, x_EE, quat_EE, "
-          "F_EE with a number from 1 (q1), or without one and {} in the file's name (q=pos_{})");
+          "' is not a known name: expected t, or q, dq, tau, tau_d, tau_cmd, gravity, tau_ext, x_EE, "
+          "quat_EE, F_EE, contact with a number from 1 (q1), or without one and {} in the file's name "
+          "(q=pos_{})");
     }
   }
 

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <charconv>
 #include <map>
 #include <optional>
 #include <type_traits>
@@ -33,12 +32,12 @@ void append(Numbers& out, const Numbers& values) { out.insert(out.end(), values.
 // One arm's samples in the order of the log.
 struct ArmRows {
   std::size_t joints = 0;
-  Numbers t, robot_time, q, dq, tau, tau_d, tau_cmd, F_est, F_true;
+  Numbers t, robot_time, q, dq, tau, tau_d, tau_ext, tau_cmd, F_est, F_true;
   std::vector<std::uint64_t> cycle;
   std::vector<bool> commanded, wrench;  // whether the cycle's other messages are present
   std::vector<ConfigFrom> configs;
   std::uint64_t sequence = 0, stale = 0, with_errors = 0;
-  bool any_command = false, any_estimate = false, any_truth = false, no_tau_d = false;
+  bool any_command = false, any_estimate = false, any_truth = false, no_tau_d = false, no_tau_ext = false;
 
   Eigen::Index rows() const { return static_cast<Eigen::Index>(t.size()); }
   bool at(std::uint64_t number) const { return !cycle.empty() && cycle.back() == number; }
@@ -63,6 +62,8 @@ void take(const msg::ArmState& state, ArmRows& arm) {
   append(arm.tau, state.tau_j);
   arm.no_tau_d = arm.no_tau_d || state.tau_j_d.size() != arm.joints;
   append(arm.tau_d, arm.no_tau_d ? Numbers(arm.joints) : state.tau_j_d);
+  arm.no_tau_ext = arm.no_tau_ext || state.tau_ext.size() != arm.joints;
+  append(arm.tau_ext, arm.no_tau_ext ? Numbers(arm.joints) : state.tau_ext);
   // Missing values keep their row, so that row k is the same sample in every series.
   append(arm.tau_cmd, Numbers(arm.joints));
   append(arm.F_est, Numbers(6));
@@ -97,64 +98,8 @@ void take(const msg::ArmConfig& config, ArmRows& arm) {
                          load(config.load_mass, config.load_center, config.load_inertia)});
 }
 
-// sensor_msgs/msg/JointState, as other recorders write it; the first three are its header.
-struct JointState {
-  static constexpr std::string_view kType = "sensor_msgs/msg/JointState", kText;
-  std::int32_t sec = 0;
-  std::uint32_t nanosec = 0;
-  std::string frame;
-  std::vector<std::string> name;
-  Numbers position, velocity, effort;
-  auto fields() { return std::tie(sec, nanosec, frame, name, position, velocity, effort); }
-  auto fields() const { return std::tie(sec, nanosec, frame, name, position, velocity, effort); }
-};
-
-// Joints whose names end in a number, from 1: of fer_joint1 to fer_joint7 the arm is `fer`. Others (fingers)
-// are not an arm's.
-void take(const JointState& state, std::map<std::string, ArmRows>& arms) {
-  std::map<std::string, std::map<int, std::size_t>> found;
-  for (std::size_t i = 0; i < state.name.size(); ++i) {
-    const std::string& name = state.name[i];
-    const std::size_t at = name.rfind("joint");
-    if (at == name.npos || name.find("finger") != name.npos) continue;
-    int number = 0;
-    const char* const end = name.data() + name.size();
-    const auto parsed = std::from_chars(name.data() + at + 5, end, number);
-    if (parsed.ec != std::errc() || parsed.ptr != end) continue;
-    std::string arm = name.substr(0, at);
-    while (!arm.empty() && (arm.back() == '_' || arm.back() == '/')) arm.pop_back();
-    found[arm][number] = i;
-  }
-  for (const auto& [name, joints] : found) {
-    const std::size_t n = joints.size();
-    if (joints.begin()->first != 1 || joints.rbegin()->first != static_cast<int>(n)) continue;
-    ArmRows& arm = arms[name];
-    if (arm.joints != 0 && arm.joints != n)
-      throw std::runtime_error("the number of joints of " + name + " changes");
-    for (const Numbers* values : {&state.position, &state.velocity, &state.effort}) {
-      if (values->size() == state.name.size()) continue;
-      throw std::runtime_error("its JointStates name " + std::to_string(state.name.size()) +
-                               " joints and have " + std::to_string(state.position.size()) + " positions, " +
-                               std::to_string(state.velocity.size()) + " velocities and " +
-                               std::to_string(state.effort.size()) + " efforts; all three are needed");
-    }
-    arm.joints = n;
-    arm.no_tau_d = true;
-    arm.t.push_back(state.sec + 1e-9 * state.nanosec);
-    arm.robot_time.push_back(arm.t.back());
-    arm.cycle.push_back(arm.t.size());
-    arm.commanded.push_back(false);
-    arm.wrench.push_back(false);
-    for (const auto& [number, i] : joints) {
-      arm.q.push_back(state.position[i]);
-      arm.dq.push_back(state.velocity[i]);
-      arm.tau.push_back(state.effort[i]);
-    }
-  }
-}
-
 struct Gathered {
-  std::map<std::string, ArmRows> arms, joint_states;
+  std::map<std::string, ArmRows> arms;
   std::string scene_text, scene_path;
   std::vector<std::string> notes;
 };
@@ -172,8 +117,6 @@ Gathered gather(const std::filesystem::path& path) {
     take_as(std::type_identity<msg::ArmCommand>{});
     take_as(std::type_identity<msg::ArmWrench>{});
     take_as(std::type_identity<msg::ArmConfig>{});
-    if (message->schema->name == JointState::kType)
-      take(from_cdr<JointState>(message->data), all.joint_states);
   }
   for (const auto& metadata : reader.metadata()) {
     if (metadata.name != "run") continue;
@@ -237,6 +180,7 @@ MeasuredLog assemble(const std::string& name, ArmRows& arm, const Gathered& all,
   log.dq = chosen(arm.dq, n, rows);
   log.tau = chosen(arm.tau, n, rows);
   if (!arm.no_tau_d) log.tau_d = chosen(arm.tau_d, n, rows);
+  if (!arm.no_tau_ext) log.tau_ext = chosen(arm.tau_ext, n, rows);
   if (arm.any_command) log.tau_cmd = chosen(arm.tau_cmd, n, rows);
   if (arm.any_estimate) log.F_EE = chosen(arm.F_est, 6, rows);
   if (arm.any_truth) log.F_true = chosen(arm.F_true, 6, rows);
@@ -277,10 +221,9 @@ std::vector<MeasuredLog> read_mcap(const std::filesystem::path& path, const Meas
   }
   std::optional<Scene> scene;
   bool base_moves = false;
-  const bool of_others = all.arms.empty();  // our own logs may hold both
-  if (of_others) all.arms = std::move(all.joint_states);
+  if (all.arms.empty()) throw LogRefused(path.string() + ": no states of an arm in this log");
   try {
-    if (!of_others) scene = rebuild_scene(all.scene_text, all.scene_path);
+    scene = rebuild_scene(all.scene_text, all.scene_path);
   } catch (const CarriedArmRefused& error) {
     base_moves = true;
     all.notes.push_back(std::string("no x_EE, no gravity: ") + error.what());
@@ -298,11 +241,6 @@ std::vector<MeasuredLog> read_mcap(const std::filesystem::path& path, const Meas
     complete(log, arm, scene);
     logs.push_back(std::move(log));
   }
-  if (names.empty())
-    throw LogRefused(path.string() +
-                     ": no arm states in this log: expected those of multipanda, or "
-                     "sensor_msgs/msg/JointState of joints that are "
-                     "numbered from 1, like fer_joint1");
   if (logs.empty() && !options.arm.empty() && !all.arms.contains(options.arm))
     throw std::invalid_argument(path.string() + " has no arm '" + options.arm + "'; expected one of " +
                                 names);
