@@ -58,9 +58,9 @@ class BarePhysics {
     const auto run = [&] {
       for (std::size_t k = next++; k < worlds_.size(); k = next++) {
         World& world = worlds_[k]->world();
-        mj_resetData(world.model(), world.data());
+        ::mj_resetData(world.model(), world.data());
         std::ranges::copy(q_, world.data()->qpos);
-        for (std::uint64_t i = 0; i < kCycles; ++i) mj_step(world.model(), world.data());
+        for (std::uint64_t i = 0; i < kCycles; ++i) ::mj_step(world.model(), world.data());
       }
     };
     std::vector<std::thread> others;

@@ -53,5 +53,7 @@ endif()
 add_library(mujoco::mujoco SHARED IMPORTED)
 set_target_properties(mujoco::mujoco PROPERTIES IMPORTED_LOCATION "${MUJOCO_LIBRARY}"
                       INTERFACE_INCLUDE_DIRECTORIES "${MULTIPANDA_SITE_PACKAGES}/mujoco/include")
+add_library(mujoco::headers INTERFACE IMPORTED)
+target_include_directories(mujoco::headers INTERFACE "${MULTIPANDA_SITE_PACKAGES}/mujoco/include")
 # With this RPATH the program finds the libraries in .venv without environment variables.
 set(CMAKE_BUILD_RPATH "${MULTIPANDA_SITE_PACKAGES}/cmeel.prefix/lib;${MULTIPANDA_SITE_PACKAGES}/mujoco")

@@ -69,6 +69,16 @@ function(multipanda_library name)
   endif()
 endfunction()
 
+# A library libmultipanda_FILE.so beside the core's, loaded with its first use (from_own_library in common).
+function(multipanda_lazy_library name file)
+  cmake_parse_arguments(ARG "" "" "SOURCES;DEPS" ${ARGN})
+  add_library(${name} MODULE ${ARG_SOURCES})
+  target_include_directories(${name} PRIVATE ${CMAKE_SOURCE_DIR})
+  target_link_libraries(${name} PRIVATE ${ARG_DEPS} multipanda_flags)
+  set_target_properties(${name} PROPERTIES OUTPUT_NAME multipanda_${file} LIBRARY_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/core
+                        CXX_VISIBILITY_PRESET hidden INSTALL_RPATH "$ORIGIN")
+endfunction()
+
 # For programs that load the ROS module: the module looks symbols up in its own libraries first (runtime/ros_module.cpp),
 # so the program must not contain copies of a shared library's variables (std::cout, locale ids).
 function(multipanda_without_copies name)

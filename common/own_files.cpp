@@ -61,6 +61,18 @@ fs::path on_path(const std::string& program) {
 
 }  // namespace
 
+void* from_own_library(const char* library, const char* name) {
+  void* const core = dlopen("libmultipanda_core.so", RTLD_NOW | RTLD_NOLOAD);
+  link_map* map = nullptr;
+  if (core == nullptr || dlinfo(core, RTLD_DI_LINKMAP, &map) != 0) throw std::runtime_error(dlerror());
+  const fs::path path = fs::path(map->l_name).parent_path() / library;
+  void* const loaded = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+  void* const found = loaded == nullptr ? nullptr : dlsym(loaded, name);
+  if (found == nullptr)
+    throw std::runtime_error(std::string(dlerror()) + "; build or install multipanda again");
+  return found;
+}
+
 fs::path share_folder() {
   if (const fs::path named = from_environment("MULTIPANDA_SHARE"); !named.empty()) return named;
   const fs::path folder = folder_above(fs::path(kShare) / "models");

@@ -23,6 +23,10 @@ std::vector<std::filesystem::path> python_package_folders();
 // Instructions for missing Python packages of pages.
 std::string page_packages_cure();
 
+// What a library of this project exports under this name; it lies beside the core's, is loaded here, and
+// stays. Throws std::runtime_error.
+void* from_own_library(const char* library, const char* name);
+
 // Instructions for missing ROS 2 interfaces or libraries.
 std::string ros_cure();
 

@@ -1,9 +1,6 @@
 #include "models/capsule_fit.hpp"
 
 #include <algorithm>
-#include <assimp/Importer.hpp>
-#include <assimp/config.h>
-#include <assimp/scene.h>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -13,6 +10,8 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
+
+#include "common/own_files.hpp"
 
 namespace multipanda {
 namespace {
@@ -127,19 +126,6 @@ FittedCapsule along(const Points& points, const Vector3& u) {
     }
   }
   return best;
-}
-
-void collect(const aiScene& scene, const aiNode& node, const aiMatrix4x4& parent, const Vector3& scale,
-             std::vector<Vector3>& points) {
-  const aiMatrix4x4 X = parent * node.mTransformation;
-  for (unsigned k = 0; k < node.mNumMeshes; ++k) {
-    const aiMesh& mesh = *scene.mMeshes[node.mMeshes[k]];
-    for (unsigned i = 0; i < mesh.mNumVertices; ++i) {
-      const aiVector3D p = X * mesh.mVertices[i];
-      points.push_back(Vector3(p.x, p.y, p.z).cwiseProduct(scale));
-    }
-  }
-  for (unsigned k = 0; k < node.mNumChildren; ++k) collect(scene, *node.mChildren[k], X, scale, points);
 }
 
 }  // namespace
@@ -286,18 +272,10 @@ Points sphere_points(double radius) {
 }
 
 std::vector<Vector3> mesh_points(const std::filesystem::path& file, const Vector3& scale) {
-  Assimp::Importer importer;
-  // A URDF's mesh is used as written; Collada's "up" only matters for display.
-  importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);
-  const aiScene* scene = importer.ReadFile(file.string(), 0);
+  static const auto read = reinterpret_cast<decltype(&multipanda_read_mesh)>(
+      from_own_library("libmultipanda_meshes.so", "multipanda_read_mesh"));
   std::vector<Vector3> points;
-  if (scene != nullptr && scene->mRootNode != nullptr) {
-    collect(*scene, *scene->mRootNode, aiMatrix4x4(), scale, points);
-  }
-  if (points.empty()) {
-    throw std::invalid_argument("the mesh " + file.string() +
-                                " cannot be read: " + importer.GetErrorString());
-  }
+  read(file, scale, points);
   for (const auto& p : points) {
     if (!p.allFinite())
       throw std::invalid_argument("the mesh " + file.string() + " has a point that is not finite");

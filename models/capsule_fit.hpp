@@ -31,6 +31,10 @@ std::vector<Vector3> sphere_points(double radius);
 // Vertices of a mesh file (STL, OBJ, DAE, ...), each number multiplied by `scale`. Throws
 // std::invalid_argument if it cannot be read.
 std::vector<Vector3> mesh_points(const std::filesystem::path& file, const Vector3& scale);
+// Its part in a library that is loaded with the first mesh (mesh_module.cpp): all vertices in the order of
+// the file.
+extern "C" void multipanda_read_mesh(const std::filesystem::path& file, const Vector3& scale,
+                                     std::vector<Vector3>& points);
 
 // The same for several shapes; shapes whose union adds the least volume are merged until `most` are left.
 std::vector<FittedCapsule> fit_capsules(std::vector<std::vector<Vector3>> shapes, std::size_t most);

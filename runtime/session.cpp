@@ -15,8 +15,9 @@
 namespace multipanda {
 namespace {
 
-constexpr std::size_t kLoopRing = 2048;  // cycles between loop and relay: bridges a stall of two seconds
-constexpr std::size_t kLogRingBytes = 64u << 20;
+constexpr std::size_t kLoopRing = 1024;  // cycles between loop and relay: bridges a stall of a second
+// Between relay and recorder are this many cycles, and as long as the disk stalls, up to so many bytes more.
+constexpr std::size_t kLogRing = 256, kWaitingBytes = 64u << 20;
 constexpr std::chrono::seconds kPatience{1};  // additional time after the hold, in case the world is paused
 constexpr std::size_t kMargin = 64;           // cycles kept free in a ring by an unpaced loop
 
@@ -28,11 +29,11 @@ std::vector<std::string> free_objects(const Scene& scene) {
   return names;
 }
 
-std::size_t log_ring_cycles(const RecordLayout& layout) {
+std::size_t waiting_cycles(const RecordLayout& layout) {
   const std::size_t bytes = sizeof(CycleRecord) + layout.arms.size() * sizeof(ArmSample) +
                             layout.max_references * sizeof(ReferenceSample) +
                             layout.output_count * sizeof(double);
-  return std::clamp<std::size_t>(kLogRingBytes / bytes, 2048, 8192);
+  return std::clamp<std::size_t>(kWaitingBytes / bytes, 2048, 8192);
 }
 
 bool has_room(const RecordRing& ring) {
@@ -186,8 +187,9 @@ void Session::open_log() {
   directory_ = make_run_directory(options_.record, scene_.name);
   log_ = directory_ / "log.mcap";
   const std::size_t capacity =
-      options_.ring_cycles != 0 ? options_.ring_cycles : log_ring_cycles(cycle_->layout());
-  log_ring_ = std::make_unique<RecordRing>(cycle_->layout(), capacity);
+      options_.ring_cycles != 0 ? options_.ring_cycles : waiting_cycles(cycle_->layout());
+  log_ring_ = std::make_unique<RecordRing>(cycle_->layout(), std::min(capacity, kLogRing));
+  most_waiting_ = capacity - log_ring_->ring.capacity();
   std::vector<std::string> objects = free_objects(scene_);
   const std::uint64_t every = options_.log_every.objects;
   if (every == 0 || objects.empty() || !has_simulated_arm(backend())) return;
@@ -320,8 +322,9 @@ void Session::run_relay() {
     const bool last =
         loop_ended_.load(std::memory_order_acquire);  // read before the rings, so that none is missed
     const bool busy = relay();
+    pass_waiting();
     monitor_->publish_if_due();
-    if (last && !busy) break;
+    if (last && !busy && waiting_.empty()) break;
     if (!busy) wait_for_records();
   }
   monitor_->publish();
@@ -430,9 +433,23 @@ void Session::relay(const CycleRecord& record) {
   if (adapter_) adapter_->take(record);
   if (options_.observer) options_.observer(record);
   last_record_ = record.start;
-  if (!log_ring_) return;
+  if (log_ring_) log(record);
+}
+
+void Session::log(const CycleRecord& record) {
+  pass_waiting();
   while (!options_.paced && log_ring_->ring.size() == log_ring_->ring.capacity()) sleep_us(50);
-  if (!log_ring_->ring.push(record)) ++log_ring_->dropped_records;
+  if (waiting_.empty() && log_ring_->ring.push(record)) return;
+  if (waiting_.size() < most_waiting_) {
+    waiting_.push_back(record);
+  } else {
+    ++log_ring_->dropped_records;
+  }
+}
+
+void Session::pass_waiting() {
+  for (; !waiting_.empty() && log_ring_->ring.push(waiting_.front()); waiting_.pop_front()) {
+  }
 }
 
 // Reports an arm that stopped itself at once, with its explanation.

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <condition_variable>
+#include <deque>
 #include <exception>
 #include <filesystem>
 #include <functional>
@@ -112,6 +113,8 @@ class Session {
   void relay_marks();
   void relay(const Event& event);
   void relay(const CycleRecord& record);
+  void log(const CycleRecord& record);
+  void pass_waiting();
   std::vector<ReflexReport> explain_errors(const CycleRecord& record);
   RunSummary summary();
 
@@ -132,8 +135,10 @@ class Session {
 
   std::filesystem::path directory_, log_;
   std::unique_ptr<RecordRing> log_ring_;  // relay -> recorder
-  std::unique_ptr<ObjectPoses> poses_;    // loop -> clients
-  std::unique_ptr<ObjectRing> objects_;   // loop -> recorder; none: no free objects
+  std::deque<CycleRecord> waiting_;       // the relay's, for that ring
+  std::size_t most_waiting_ = 0;
+  std::unique_ptr<ObjectPoses> poses_;   // loop -> clients
+  std::unique_ptr<ObjectRing> objects_;  // loop -> recorder; none: no free objects
   std::unique_ptr<Recorder> recorder_;
   RecorderStatus recorded_;
 

@@ -7,6 +7,7 @@
 #include "backends/mujoco/mujoco_backend.hpp"
 #include "core/cycle/control_cycle.hpp"
 #include "core/rt/guard/loop_guard.hpp"
+#include "core/rt/thread_setup.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 
@@ -32,7 +33,11 @@ class MujocoGuard : public testing::Test {
  protected:
   void SetUp() override {
     if (!kLoopGuardWorks) GTEST_SKIP() << "sanitizers replace malloc themselves";
-    faults_count_ = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
+  }
+  // As a run does it: when everything is built.
+  void start(Backend& backend) {
+    faults_count_ = set_up_thread({.fifo_priority = {}, .cpu = {}}).front().done;
+    backend.start();
   }
   void TearDown() override { munlockall(); }
   bool faults_count_ = true;
@@ -57,7 +62,7 @@ TEST_F(MujocoGuard, EveryControlletFeatureAndSwitch) {
   MujocoBackend backend(scene, {.pace = Pace::unpaced});
   ControlCycle cycle(build_cycle_config(scene, 100000), registry, backend);
   MultimodeController& modes = cycle.modes();
-  backend.start();
+  start(backend);
   const auto step = [&](int count, const std::string& during) {
     for (int k = 0; k < count; ++k) {
       LoopGuard::arm();
@@ -123,7 +128,7 @@ TEST_F(MujocoGuard, ArmsOnATorso) {
   MujocoBackend backend(scene, {.pace = Pace::unpaced});
   ControlCycle cycle(build_cycle_config(scene, 20000), opened.registry, backend);
   MultimodeController& modes = cycle.modes();
-  backend.start();
+  start(backend);
   for (int k = 0; k < 10; ++k) cycle.step(backend.wait());
   for (const auto& first : names[0]) {
     for (const auto& second : names[1]) {
@@ -154,7 +159,7 @@ TEST_F(MujocoGuard, Grippers) {
   const Scene scene = load_scene("grippers", registry);
   MujocoBackend backend(scene, {.pace = Pace::unpaced});
   ControlCycle cycle(build_cycle_config(scene, 20000), registry, backend);
-  backend.start();
+  start(backend);
   cycle.step(backend.wait());
   const auto all_well = [&](const GripperRequest& left, const GripperRequest& right) {
     auto first = backend.request(0, left);

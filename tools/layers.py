@@ -85,7 +85,7 @@ LAYERS = [
     layer(
         "backends/mujoco",
         "contact physics of simulated arms",
-        "core arm_interface models scene backends backends/simulated_arm backends/gripper",
+        "common core arm_interface models scene backends backends/simulated_arm backends/gripper",
         "backends/pinocchio",
     ),
     layer(

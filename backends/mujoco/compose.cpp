@@ -351,7 +351,7 @@ void check_names(const std::vector<WorldArm>& arms, const std::vector<SceneObjec
 
 mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
                  const WorldPhysics& physics) {
-  install_engine_handlers();
+  load_engine();
   check_names(arms, objects);
   const SpecPtr spec(mj_makeSpec());
   set_options(spec.get(), physics);

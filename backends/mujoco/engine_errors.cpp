@@ -8,9 +8,15 @@
 #include <cstring>
 #include <mutex>
 
-#include <mujoco/mujoco.h>
+#include "backends/mujoco/engine.hpp"
+#include "common/own_files.hpp"
 
 namespace multipanda {
+
+#define MULTIPANDA_DEFINE(name) decltype(&::name) name = nullptr;
+MULTIPANDA_ENGINE(MULTIPANDA_DEFINE)
+#undef MULTIPANDA_DEFINE
+
 namespace {
 
 constexpr std::size_t kText = 512;
@@ -65,11 +71,16 @@ std::string last_engine_warning() {
   return text;
 }
 
-void install_engine_handlers() {
+void load_engine() {
   static std::once_flag once;
   std::call_once(once, [] {
-    mju_user_error = on_error;
-    mju_user_warning = on_warning;
+    const auto& engine =
+        *static_cast<const Engine*>(from_own_library("libmultipanda_mujoco.so", "multipanda_engine"));
+#define MULTIPANDA_TAKE(name) name = engine.name;
+    MULTIPANDA_ENGINE(MULTIPANDA_TAKE)
+#undef MULTIPANDA_TAKE
+    *mju_user_error = on_error;
+    *mju_user_warning = on_warning;
   });
 }
 

@@ -186,7 +186,7 @@ struct Painter::Drawing {
 
 Painter::Painter(const mjModel* model, PictureOptions options)
     : model_(model), options_(options), drawing_(std::make_unique<Drawing>()) {
-  install_engine_handlers();
+  load_engine();
   Drawing& d = *drawing_;
   if (options_.width < 16 || options_.height < 16 || options_.width > model->vis.global.offwidth ||
       options_.height > model->vis.global.offheight) {

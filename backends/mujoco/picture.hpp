@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include <mujoco/mujoco.h>
+#include "backends/mujoco/engine.hpp"
 
 namespace multipanda {
 

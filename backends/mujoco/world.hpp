@@ -7,8 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include <mujoco/mujoco.h>
-
+#include "backends/mujoco/engine.hpp"
 #include "core/types/joints.hpp"
 #include "core/types/spatial.hpp"
 #include "models/robot_description.hpp"

@@ -1,8 +1,7 @@
 #include "core/model/arm_model.hpp"
 
 #include <stdexcept>
-
-#include <pinocchio/parsers/urdf.hpp>
+#include <urdf_parser/urdf_parser.h>
 
 #include "core/model/pinocchio_model.hpp"
 
@@ -42,6 +41,86 @@ void check_collision_shapes(const ArmModelSource& source, std::size_t joint_coun
   }
 }
 
+pinocchio::SE3 pose_of(const urdf::Pose& X) {
+  const auto& [x, y, z, w] = X.rotation;
+  return {Eigen::Quaterniond(w, x, y, z).matrix(), Vector3(X.position.x, X.position.y, X.position.z)};
+}
+
+pinocchio::Inertia inertia_of(const urdf::Inertial& body) {
+  const pinocchio::SE3 X = pose_of(body.origin);
+  Matrix3 inertia;
+  inertia << body.ixx, body.ixy, body.ixz, body.ixy, body.iyy, body.iyz, body.ixz, body.iyz, body.izz;
+  return {body.mass, X.translation(), X.rotation() * inertia * X.rotation().transpose()};
+}
+
+template <class X, class Y, class Z, class Any>
+pinocchio::JointModel joint_along(const Vector3& axis) {
+  if (axis == Vector3::UnitX()) return X();
+  if (axis == Vector3::UnitY()) return Y();
+  if (axis == Vector3::UnitZ()) return Z();
+  return Any(axis.normalized());
+}
+
+// Builds the tree as Pinocchio's own reader does (dynamics_test.cpp compares them). That one's libraries,
+// with meshes, collisions and octrees, would be 27 MB of every process.
+class ModelBuilder {
+ public:
+  ModelBuilder(ArmModel::Pinocchio& to, const ArmModelSource& source) : to_(to), source_(source) {}
+
+  // Returns the joint that moves the flange.
+  pinocchio::JointIndex build() {
+    const auto tree = urdf::parseURDF(source_.urdf);
+    if (tree == nullptr || tree->getRoot() == nullptr)
+      refuse(source_.name, "the URDF cannot be read; its faults were printed to standard error");
+    add(*tree->getRoot(), 0, pinocchio::SE3::Identity());
+    if (!flange_joint_) refuse(source_.name, "the URDF has no link '" + source_.flange + "'");
+    return *flange_joint_;
+  }
+
+ private:
+  // `X_JL`: in the frame of the joint that moves the link.
+  void add(const urdf::Link& link, pinocchio::JointIndex joint, const pinocchio::SE3& X_JL) {
+    if (link.inertial) to_.model.appendBodyToJoint(joint, inertia_of(*link.inertial), X_JL);
+    if (link.name == source_.flange) {
+      flange_joint_ = joint;
+      to_.X_JF = X_JL;
+    }
+    for (const auto& child : link.child_links) {
+      const urdf::Joint& own = *child->parent_joint;
+      const pinocchio::SE3 X_JC = X_JL * pose_of(own.parent_to_joint_origin_transform);
+      if (own.type == urdf::Joint::FIXED) {
+        add(*child, joint, X_JC);
+      } else {
+        add(*child, add_joint(own, joint, X_JC), pinocchio::SE3::Identity());
+      }
+    }
+  }
+
+  pinocchio::JointIndex add_joint(const urdf::Joint& own, pinocchio::JointIndex parent,
+                                  const pinocchio::SE3& X_JC) {
+    const Vector3 axis(own.axis.x, own.axis.y, own.axis.z);
+    const auto value = [](double number) { return Eigen::VectorXd::Constant(1, number); };
+    pinocchio::JointModel type;
+    if (own.type == urdf::Joint::REVOLUTE) {
+      type = joint_along<pinocchio::JointModelRX, pinocchio::JointModelRY, pinocchio::JointModelRZ,
+                         pinocchio::JointModelRevoluteUnaligned>(axis);
+    } else if (own.type == urdf::Joint::PRISMATIC) {
+      type = joint_along<pinocchio::JointModelPX, pinocchio::JointModelPY, pinocchio::JointModelPZ,
+                         pinocchio::JointModelPrismaticUnaligned>(axis);
+    } else {
+      refuse(source_.name, "the URDF has a joint with several coordinates or without limits, '" + own.name +
+                               "'; expected revolute and prismatic joints");
+    }
+    return to_.model.addJoint(parent, type, X_JC, own.name, value(own.limits->effort),
+                              value(own.limits->velocity), value(own.limits->lower),
+                              value(own.limits->upper));
+  }
+
+  ArmModel::Pinocchio& to_;
+  const ArmModelSource& source_;
+  std::optional<pinocchio::JointIndex> flange_joint_;
+};
+
 }  // namespace
 
 JointVector joint_constant(std::size_t n, double value) {
@@ -55,14 +134,7 @@ pinocchio::Inertia inertia_in_joint(const pinocchio::SE3& X_JF, const Load& load
 ArmModel::ArmModel(ArmModelSource source)
     : source_(std::move(source)), pinocchio_(std::make_unique<Pinocchio>()) {
   auto& p = *pinocchio_;
-  try {
-    pinocchio::urdf::buildModelFromXML(source_.urdf, p.model);
-  } catch (const std::exception& error) {
-    refuse(source_.name, std::string("cannot read the URDF: ") + error.what());
-  }
-  if (p.model.nq != p.model.nv)
-    refuse(source_.name,
-           "the URDF has a joint with several coordinates; expected revolute and prismatic joints");
+  const pinocchio::JointIndex flange_joint = ModelBuilder(p, source_).build();
   joint_count_ = static_cast<std::size_t>(p.model.nv);
   if (joint_count_ == 0 || joint_count_ > kMaxJoints) {
     refuse(source_.name, "the URDF has " + std::to_string(joint_count_) + " joints; expected 1 to " +
@@ -72,14 +144,10 @@ ArmModel::ArmModel(ArmModelSource source)
     if (p.model.parents[j] != j - 1) refuse(source_.name, "the URDF branches; expected a chain of joints");
     prismatic_.push_back(p.model.joints[j].shortname().starts_with("JointModelP"));
   }
-  if (!p.model.existFrame(source_.flange))
-    refuse(source_.name, "the URDF has no link '" + source_.flange + "'");
-  p.flange = p.model.getFrameId(source_.flange);
   p.last_joint = p.model.joints.size() - 1;
-  if (p.model.frames[p.flange].parentJoint != p.last_joint) {
+  if (flange_joint != p.last_joint) {
     refuse(source_.name, "flange link '" + source_.flange + "' must be behind the last joint");
   }
-  p.X_JF = p.model.frames[p.flange].placement;
   const pinocchio::SE3 X_WB(source_.X_WB.rotation, source_.X_WB.position);
   p.model.jointPlacements[1] = X_WB * p.model.jointPlacements[1];
   p.model.gravity.linear() = Vector3(0, 0, -9.81);
@@ -87,8 +155,8 @@ ArmModel::ArmModel(ArmModelSource source)
   auto& limits = source_.limits;
   complete(limits.q_min, p.model.lowerPositionLimit, source_.name, "q_min");
   complete(limits.q_max, p.model.upperPositionLimit, source_.name, "q_max");
-  complete(limits.dq_max, p.model.velocityLimit, source_.name, "dq_max");
-  complete(limits.tau_max, p.model.effortLimit, source_.name, "tau_max");
+  complete(limits.dq_max, p.model.upperVelocityLimit, source_.name, "dq_max");
+  complete(limits.tau_max, p.model.upperEffortLimit, source_.name, "tau_max");
   const Eigen::VectorXd generous = Eigen::VectorXd::Constant(p.model.nv, 1000.0);
   complete(limits.ddq_max, generous, source_.name, "ddq_max");
   complete(limits.tau_rate_max, generous, source_.name, "tau_rate_max");

@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 #include <pinocchio/algorithm/crba.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
+#include <pinocchio/parsers/urdf.hpp>
 
 #include "core/model/model_terms.hpp"
 #include "core/model/pinocchio_model.hpp"
@@ -29,8 +30,27 @@ void expect_close(const Eigen::MatrixXd& actual, const Eigen::MatrixXd& expected
   EXPECT_LE((actual - expected).cwiseAbs().maxCoeff(), 1e-12 * scale) << what;
 }
 
+// The model that Pinocchio's own reader makes of the URDF; ours must be the same up to rounding.
+pinocchio::Model model_by_pinocchio(const ArmModelSource& source, const pinocchio::Model& ours) {
+  pinocchio::Model model;
+  pinocchio::urdf::buildModelFromXML(source.urdf, model);
+  model.jointPlacements[1] =
+      pinocchio::SE3(source.X_WB.rotation, source.X_WB.position) * model.jointPlacements[1];
+  model.gravity.linear() = Vector3(0, 0, -9.81);
+  EXPECT_EQ(ours.joints, model.joints) << source.name;
+  EXPECT_EQ(ours.jointPlacements, model.jointPlacements) << source.name;
+  for (std::size_t j = 0; j < model.inertias.size(); ++j)
+    EXPECT_TRUE(ours.inertias.at(j).isApprox(model.inertias[j], 1e-14)) << source.name << ", joint " << j;
+  EXPECT_EQ(ours.lowerPositionLimit, model.lowerPositionLimit) << source.name;
+  EXPECT_EQ(ours.upperPositionLimit, model.upperPositionLimit) << source.name;
+  EXPECT_EQ(ours.upperVelocityLimit, model.upperVelocityLimit) << source.name;
+  EXPECT_EQ(ours.upperEffortLimit, model.upperEffortLimit) << source.name;
+  return model;
+}
+
 void expect_agreement(const ArmModelSource& source, Draw& draw) {
   const auto arm = std::make_shared<const ArmModel>(source);
+  const pinocchio::Model by_pinocchio = model_by_pinocchio(source, arm->pinocchio().model);
   const std::size_t n = arm->joint_count();
   ModelTerms terms(arm);
   for (int k = 0; k < 8; ++k) {
@@ -39,7 +59,7 @@ void expect_agreement(const ArmModelSource& source, Draw& draw) {
     const JointVector drawn_dq = draw.joints(n, 2);
     terms.update(draw.joints(n, 2.5), drawn_dq);
 
-    pinocchio::Model model = arm->pinocchio().model;
+    pinocchio::Model model = by_pinocchio;
     auto& last = model.inertias[arm->pinocchio().last_joint];
     for (const Load& body : {tool, load}) {
       if (body.mass > 0) last += inertia_in_joint(arm->pinocchio().X_JF, body);

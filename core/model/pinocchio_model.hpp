@@ -11,7 +11,6 @@ namespace multipanda {
 struct ArmModel::Pinocchio {
   // The first joint's placement includes the base's pose, so results are in the world.
   pinocchio::Model model;
-  pinocchio::FrameIndex flange = 0;
   pinocchio::JointIndex last_joint = 0;
   pinocchio::SE3 X_JF;  // flange in the last joint's frame
 };

@@ -1,5 +1,9 @@
 #include <array>
 #include <atomic>
+#include <future>
+#include <numeric>
+#include <pthread.h>
+#include <sys/mman.h>
 #include <thread>
 
 #include <gtest/gtest.h>
@@ -151,6 +155,41 @@ TEST(ThreadSetup, EveryStepIsAnsweredWithAReasonIfNotDone) {
   for (const auto& step : steps) EXPECT_TRUE(step.done || !step.reason.empty()) << step.what;
   EXPECT_FALSE(steps[0].done);  // there is no core 100,000
   EXPECT_NE(steps[0].what.find("100000"), std::string::npos);
+}
+
+// Of another thread's stack only what it uses is in memory; what was allocated is, as a whole.
+TEST(ThreadSetup, TheMemoryLockLeavesTheStacksOfOtherThreads) {
+  constexpr std::size_t kBytes = 1 << 20, kPage = 4096;
+  const auto present = [](void* begin) {
+    std::array<unsigned char, kBytes / kPage> pages{};
+    EXPECT_EQ(mincore(begin, kBytes, pages.data()), 0);
+    return std::accumulate(pages.begin(), pages.end(), 0);
+  };
+  void* const allocated = mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  ASSERT_NE(allocated, MAP_FAILED);
+  std::promise<void*> its_stack;
+  std::promise<void> end;
+  std::thread other([&] {
+    pthread_attr_t attributes;
+    void* begin = nullptr;
+    std::size_t size = 0;
+    if (pthread_getattr_np(pthread_self(), &attributes) == 0) {
+      (void)pthread_attr_getstack(&attributes, &begin, &size);
+      (void)pthread_attr_destroy(&attributes);
+    }
+    its_stack.set_value(begin);
+    end.get_future().wait();
+  });
+  void* const stack = its_stack.get_future().get();
+  const auto steps = set_up_thread({.fifo_priority = {}, .cpu = {}});
+  const int of_stack = present(stack), of_allocated = present(allocated);
+  end.set_value();
+  other.join();
+  munlockall();
+  munmap(allocated, kBytes);
+  if (!steps.at(0).done) GTEST_SKIP() << steps.at(0).reason;
+  EXPECT_EQ(of_stack, 0);  // the lowest of its 8 MB
+  EXPECT_EQ(of_allocated, kBytes / kPage);
 }
 
 }  // namespace

@@ -1,6 +1,9 @@
 #include "core/rt/thread_setup.hpp"
 
+#include <array>
 #include <cerrno>
+#include <cstdint>
+#include <cstdio>
 #include <cstring>
 #include <pthread.h>
 #include <sched.h>
@@ -11,8 +14,48 @@ namespace {
 
 std::string error_text(int error) { return std::strerror(error); }
 
+constexpr std::size_t kPage = 4096, kLaterStack = 1 << 20;
+
+// Brings code, data and heap into memory, and keeps them there. The stacks of other threads stay as they are,
+// since most of their 8 MB each will never be used; glibc puts a page without access below each.
+void lock_mappings(std::size_t stack) {
+  std::FILE* const maps = std::fopen("/proc/self/maps", "r");
+  if (maps == nullptr) return;
+  std::uintptr_t guard_end = 0;
+  std::array<char, 512> line{};
+  while (std::fgets(line.data(), line.size(), maps) != nullptr) {
+    std::uintptr_t begin = 0, end = 0;
+    std::array<char, 5> access{};
+    if (std::sscanf(line.data(), "%zx-%zx %4s", &begin, &end, access.data()) != 3) continue;
+    if (access[0] == '-' && end - begin == kPage) guard_end = end;
+    if (access[0] != 'r' || access[3] != 'p') continue;
+    const bool is_file = std::strchr(line.data(), '/') != nullptr;
+    if (begin == guard_end && !is_file) begin += stack;  // behind it may be other memory
+    if (begin < end) (void)mlock(reinterpret_cast<void*>(begin), end - begin);
+  }
+  (void)std::fclose(maps);
+}
+
+// Returns the former size; 0: unknown.
+std::size_t set_stack_of_later_threads(std::size_t size) {
+  pthread_attr_t attributes;
+  std::size_t before = 0;
+  if (pthread_getattr_default_np(&attributes) != 0) return before;
+  (void)pthread_attr_getstacksize(&attributes, &before);
+  (void)pthread_attr_setstacksize(&attributes, size);
+  (void)pthread_setattr_default_np(&attributes);
+  (void)pthread_attr_destroy(&attributes);
+  return before;
+}
+
+// For what exists now and for what is allocated later. Threads that start later have small stacks, since
+// these are locked as a whole.
 SetupStep lock_memory() {
-  if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) return {"memory lock", true, {}};
+  if (mlockall(MCL_CURRENT | MCL_ONFAULT) == 0 && mlockall(MCL_FUTURE) == 0) {
+    static const std::size_t stack_before = set_stack_of_later_threads(kLaterStack);
+    lock_mappings(stack_before);
+    return {"memory lock", true, {}};
+  }
   return {"memory lock", false,
           error_text(errno) +
               ": raise the limit with 'ulimit -l unlimited' (memlock in /etc/security/limits.conf)"};
@@ -46,7 +89,7 @@ SetupStep pin_to(int cpu) {
 void prefault_stack() {
   constexpr std::size_t kBytes = std::size_t{256} * 1024;
   volatile unsigned char stack[kBytes];
-  for (std::size_t i = 0; i < kBytes; i += 4096) stack[i] = 0;
+  for (std::size_t i = 0; i < kBytes; i += kPage) stack[i] = 0;
   (void)stack[0];
 }
 

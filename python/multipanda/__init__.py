@@ -9,93 +9,41 @@
 Leaving `with`, by an exception too, holds the arms, finishes their motion and ends the program.
 """
 
-from ._version import __version__
-from .arm import Arm, Gripper, Vacuum
-from .client import Client, connect
-from .commands import Report, compare, experiment, identify, refine, report
-from .connection import running_sockets, stop_all
-from .controllet import Controllet
-from .episode import Episode, LoggedEpisode
-from .errors import Disconnected, Error, ProgramMissing, Refused, Timeout, VersionMismatch
-from .follow import Event, Events, Records
-from .goal import Goal
-from .jog import JogLimits
-from .law import Evaluation, Law, PlacedLaw, law
-from .law_layout import LawInput, LawParameter
-from .log import Log, read_log
-from .model import ArmModel, model
-from .notebook import live_table
-from .parameters import Parameter
-from .pose import Pose
-from .program import program_path
-from .record import History, Record
-from .space_mouse import SpaceMouse
-from .ssh import Clock
-from .started import Run, Summary, play, run
-from .state import ArmState, GripperState, RunState
-from .stream import Stream
-from .stubs import stubs
-from .study import StudyResult, study
-from .virtual import VirtualArms, virtual_arms
+import sys
+import types
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "Arm",
-    "ArmModel",
-    "ArmState",
-    "Client",
-    "Clock",
-    "Controllet",
-    "Disconnected",
-    "Episode",
-    "Error",
-    "Evaluation",
-    "Event",
-    "Events",
-    "History",
-    "Goal",
-    "Gripper",
-    "GripperState",
-    "JogLimits",
-    "Law",
-    "LawInput",
-    "LawParameter",
-    "Log",
-    "LoggedEpisode",
-    "Parameter",
-    "PlacedLaw",
-    "Pose",
-    "ProgramMissing",
-    "Record",
-    "Records",
-    "Refused",
-    "Report",
-    "Run",
-    "RunState",
-    "SpaceMouse",
-    "Stream",
-    "StudyResult",
-    "Summary",
-    "Timeout",
-    "Vacuum",
-    "VersionMismatch",
-    "VirtualArms",
-    "__version__",
-    "compare",
-    "connect",
-    "experiment",
-    "identify",
-    "law",
-    "live_table",
-    "model",
-    "play",
-    "program_path",
-    "read_log",
-    "refine",
-    "report",
-    "run",
-    "running_sockets",
-    "stop_all",
-    "stubs",
-    "study",
-    "virtual_arms",
-]
+from ._version import __version__ as __version__
+
+if TYPE_CHECKING:
+    from ._names import *  # noqa: F403
+
+
+class _Package(types.ModuleType):
+    """Loads the names with the first use: NumPy and the clients take fifty times as long as this file."""
+
+    _FUNCTIONS = ("law", "model", "stubs", "study")  # in the modules of the same names
+
+    def __getattr__(self, name: str) -> Any:
+        from importlib import import_module, util
+
+        if name.startswith("__") and name != "__all__":
+            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+        if name not in self._FUNCTIONS and util.find_spec(f"{self.__name__}.{name}"):
+            return import_module(f"{self.__name__}.{name}")
+        names = import_module(f"{self.__name__}._names")
+        vars(self).update({each: getattr(names, each) for each in ("__all__", *names.__all__)})
+        if name not in vars(self):
+            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+        return vars(self)[name]
+
+    def __setattr__(self, name: str, value: object) -> None:
+        # The import system stores each module of the package here, where the functions are to be.
+        if name not in self._FUNCTIONS or not isinstance(value, types.ModuleType):
+            super().__setattr__(name, value)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.__getattr__("__all__")]
+
+
+sys.modules[__name__].__class__ = _Package

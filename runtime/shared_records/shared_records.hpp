@@ -21,7 +21,7 @@ namespace multipanda {
 // number whether it was overwritten meanwhile.
 class SharedRecords {
  public:
-  static constexpr std::size_t kRecords = 4096;  // 4 s at 1 kHz
+  static constexpr std::size_t kRecords = 2048;  // 2 s at 1 kHz
   static constexpr std::size_t kEvents = 2048;
   static constexpr std::size_t kEventBytes = 1024;
 

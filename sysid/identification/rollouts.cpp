@@ -5,8 +5,7 @@
 #include <numeric>
 #include <stdexcept>
 
-#include <mujoco/mjbatch.h>
-
+#include "backends/mujoco/engine.hpp"
 #include "backends/mujoco/engine_errors.hpp"
 #include "backends/simulated_arm/friction.hpp"
 #include "scene/build.hpp"

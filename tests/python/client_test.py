@@ -10,6 +10,8 @@ import math
 import os
 import pydoc
 import socket
+import subprocess
+import sys
 import threading
 import time
 import unittest
@@ -640,6 +642,14 @@ class Surface(unittest.TestCase):
             thing = getattr(mp, name)
             if callable(thing):
                 self.assertTrue(inspect.getdoc(thing), name)
+
+    def test_what_takes_time_to_load_waits_for_the_first_use(self):
+        code = "import sys, multipanda as mp; print('numpy' in sys.modules, mp.Pose.__name__, 'numpy' in sys.modules)"
+        self.assertEqual(subprocess.check_output([sys.executable, "-c", code], text=True), "False Pose True\n")
+
+    def test_functions_keep_their_names_beside_modules_of_the_same_names(self):
+        code = "import multipanda.started, multipanda as mp; print(callable(mp.law), callable(mp.study))"
+        self.assertEqual(subprocess.check_output([sys.executable, "-c", code], text=True), "True True\n")
 
 
 if __name__ == "__main__":
