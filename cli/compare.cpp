@@ -61,6 +61,15 @@ std::vector<std::string> common_arms(ByArm& real, ByArm& sim) {
   };
   adopt(real, sim);
   adopt(sim, real);
+  // One arm on each side: a bag of ROS names it by its joints, a scene as its user likes.
+  if (real.size() == 1 && sim.size() == 1 && real.begin()->first != sim.begin()->first) {
+    const bool of_scene = !real.begin()->second.front().scene_text.empty();
+    ByArm &renamed = of_scene ? sim : real, &named = of_scene ? real : sim;
+    auto arm = renamed.extract(renamed.begin());
+    arm.key() = named.begin()->first;
+    for (MeasuredLog& log : arm.mapped()) log.arm = arm.key();
+    renamed.insert(std::move(arm));
+  }
   std::vector<std::string> arms;
   for (const auto& [name, repeats] : real) {
     if (sim.contains(name)) arms.push_back(name);

@@ -12,9 +12,9 @@ namespace {
 
 // Commands of multipanda-lab that also work without `lab`.
 constexpr const char* kLabWords[] = {
-    "bench",      "commission", "communication-test", "compare",  "doctor",  "excite",
-    "experiment", "fit",        "generate",           "identify", "predict", "refine",
-    "soak",       "study",      "via-points"};
+    "bench", "commission", "communication-test", "compare", "doctor",  "excite", "experiment",
+    "fit",   "generate",   "identify",           "observe", "predict", "refine", "soak",
+    "study", "via-points"};
 
 void add_lab(Program& program) {
   program.app.add_subcommand("lab", fmt::format("Experiments, identification, commissioning and more: {}",
