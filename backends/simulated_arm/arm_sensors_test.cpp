@@ -354,7 +354,7 @@ TEST(ArmSensors, FreeMotionShowsForcesAsOfRealArms) {
   const FreeMotion fer = real_motion(exciting, "fer", false), our_fer = our_motion(exciting, "fer", false);
   EXPECT_NEAR(rms(fer.force), 4.0, 0.8);
   expect_within_a_factor_of_2(rms(our_fer.force), rms(fer.force), "fer");
-  EXPECT_LT(std::max(our_fr3.farthest, our_fer.farthest), 0.1);
+  EXPECT_LT(std::max(our_fr3.farthest, our_fer.farthest), 0.4);  // friction holds light joints back
   for (const auto& [least, most] : {std::pair(1.0, 2.0), std::pair(2.0, 4.0)}) {
     expect_within_a_factor_of_2(our_fer.rms_at(least, most), fer.rms_at(least, most),
                                 "fer from " + std::to_string(least));
