@@ -413,11 +413,16 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
                       "Thresholds of contact and reflex, set on the arm at the start. Default: 80 N, 25 N m "
                       "and 40 N m or less per joint, on real arms; see `keep_collision_thresholds`."),
                   arm.collision, description);
-  archive(Key("observer_hz",
-              "Forces by this program's momentum observer with that cut-off, also where the arm sends an "
-              "estimate of its own; 0: 30 Hz, only where it sends none.")
-              .within(0, 100),
-          arm.observer_hz);
+  archive(
+      Key("observer_hz",
+          "Forces by this program's momentum observer with that cut-off (5 to 100: force laws are tuned for "
+          "at most 30 ms of lag), also where the arm sends an estimate of its own; 0: 30 Hz, only where it "
+          "sends none.")
+          .within(0, 100),
+      arm.observer_hz);
+  if (arm.observer_hz > 0 && arm.observer_hz < 5)
+    archive.at("observer_hz")
+        .refuse("the observer's cut-off must be 0 or 5 to 100 Hz: force laws bear no more lag");
   archive(
       Key("joint_stiffness_nm_per_rad",
           "Stiffness of the arm's internal joint controller, set at the start; controllets do not use it.")

@@ -201,6 +201,9 @@ void Hub::take(Frame& frame) {
       peer->written += static_cast<std::size_t>(frame.number);
       return;
     default:
+      // Only the newest: others' stops wait meanwhile.
+      if (constexpr std::size_t kMostLast = 16; peer->waiting.size() > kMostLast)
+        peer->waiting.erase(peer->waiting.begin(), peer->waiting.end() - kMostLast);
       for (const Peer::Waiting& last : std::exchange(peer->waiting, {}))
         if (handler_.outlasts(last.text)) handler_.take(*peer, parsed(last.text), last.arrived);
       peer->left = true;

@@ -300,16 +300,18 @@ TEST_F(HubTest, AStopCountsBeyondTheLimits) {
   while (echo_.stops < 1) std::this_thread::yield();
 }
 
-// A NaN of Python's json, a comma too many, an end that was lost, a list, bytes in place of a text.
+// A NaN of Python's json, a comma too many, an end that was lost, a list, bytes in place of a text, half a
+// character, a number that is too large for a double.
 TEST_F(HubTest, WhateverSaysStopIsOne) {
   const auto server = hub();
   Page page(server->port());
   ASSERT_TRUE(page.open(server->port(), token_));
   page.frame();
   const auto heard = [&] { return json::parse(page.message())["echo"]; };
-  for (const char* text :
-       {R"({"do":"stop","time":NaN})", R"({"id":1,"do":"stop",})", R"({"id":1,"do":"stop")",
-        R"([{"do":"stop"}])", R"("stop")", "{'do': 'Stop'}", "STOP!"}) {
+  const std::string large = R"({"do":"stop","id":1)" + std::string(400, '0') + "}";
+  for (const char* text : {large.c_str(), R"({"do":"stop","id":"\ud800"})", R"({"do":"stop","time":NaN})",
+                           R"({"id":1,"do":"stop",})", R"({"id":1,"do":"stop")", R"([{"do":"stop"}])",
+                           R"("stop")", "{'do': 'Stop'}", "STOP!"}) {
     page.say(text);
     const json message = heard();
     EXPECT_TRUE(is_stop(message)) << text;

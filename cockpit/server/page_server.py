@@ -16,6 +16,7 @@ import contextlib
 import hmac
 import http
 import json
+import math
 import pathlib
 import re
 import resource
@@ -110,10 +111,10 @@ def canonical(text):
     """The message as the run reads it; null: it is not valid JSON. Whatever says stop is one (docs/live_input.md)."""
     message, good = None, b"null"
     try:
-        message = json.loads(text)
+        message = json.loads(text, parse_int=lambda digits: int(digits) if len(digits) < 300 else math.inf)
         if isinstance(message, dict) and str(message.get("do")).strip().lower() == "stop":
             message["do"] = "stop"
-        good = json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
+        good = json.dumps(message, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
     except (ValueError, RecursionError):
         message = None
     if not isinstance(message, dict) and SAYS_STOP.search(text):

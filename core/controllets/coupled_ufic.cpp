@@ -352,9 +352,19 @@ class CoupledUfic final : public Controllet {
         std::min(settings.grasp.closing_speed, context.contact.hand_speed);  // half of it by each hand
     settings.grasp.closing_stiffness = n.dot(settings.relative.stiffness(R_d).translation * n);
     for (std::size_t i = 0; i < 2; ++i) felt_[i].update(context.arms[i], context.dt);
-    settings.grasp.contact_threshold_n +=
-        std::max(felt_[0].motion(settings.motion_share), felt_[1].motion(settings.motion_share));
+    // A grasp is lost below half of the threshold, so only what hands do whose object has gone raises it:
+    // they close. Moved or bumped together, they must not drop what they hold.
     const bool waits = felt_[0].waits() || felt_[1].waits();
+    if (grasp_.phase() == GraspSequence::Phase::grasp) {
+      const auto v = [&](std::size_t i) { return Vector3(context.arms[i].terms->V_WE().linear()); };
+      const double closing = n.dot(v(0) - v(1));
+      settings.grasp.contact_threshold_n +=
+          settings.motion_share * FeltWrench::motion_of(0.5 * closing, 0.5 * n.dot(felt_[0].acceleration() -
+                                                                                   felt_[1].acceleration()));
+    } else {
+      settings.grasp.contact_threshold_n +=
+          std::max(felt_[0].motion(settings.motion_share), felt_[1].motion(settings.motion_share));
+    }
     measured_ = {.requested_n = waits ? 0.0 : context.inputs[kSqueeze].scalar(),
                  .first_n = n.dot(Vector3(felt_[0].at_E().head<3>())),
                  .second_n = -n.dot(Vector3(felt_[1].at_E().head<3>())),

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cmath>
 #include <limits>
 
 #include "core/controllets/controllet.hpp"
@@ -13,10 +14,12 @@ namespace multipanda {
 // Tare. Sensors and model leave a bias b in the estimated joint torques: up to 0.75 N m per joint at rest, 1
 // to 2.4 N at the hand. b is their mean from kSettling to kTaking after the start, if the arm was at rest all
 // that time and b is no larger than a bias may be:
-//   |dq_i| < kRest,   |b_i| < kMostTorque,   |f(b)| < kMostForce        F = F_hat - (J J^T)^-1 J b
-// at K. What is larger is a contact or an undeclared load: it stays felt, bias included. A contact of less
-// than kMostForce at the start is no longer felt: the law then presses harder than it says by that much, and
-// no more. Desired forces and contact wait meanwhile.
+//   |dq_i| < kRest,   |b_i| < kMostTorque,   |f(b)| < kMostForce,   |m(b)| < kMostMoment
+//   F = F_hat - s (J J^T)^-1 J b     at K; s <= 1 so that in every pose no more than these bounds comes off
+// What is larger is a contact or an undeclared load: it stays felt, bias included. A light contact at the
+// start, opposed by the bias up to the sum of both, is no longer felt: the law then presses harder than it
+// says by at most kMostForce. Desired forces and contact wait meanwhile, and no force is felt. Nothing comes
+// off an estimate of exactly 0, which arms send near singular poses.
 //
 // Motion. Friction behind the sensors and a wrong inertia look like forces. A force counts as contact above
 //   threshold + motion(),   motion() = kPerSpeed |v| + kPerAcceleration |a|
@@ -31,12 +34,12 @@ class FeltWrench {
   static constexpr const char* kTareDoc =
       "0 while the bias of the estimate is measured, 1 taken, 2 not taken: the arm moved, 3 not taken: more "
       "than a bias, so the arm touches something or bears an undeclared load.";
-  static constexpr double kSettling = 0.1, kTaking = 0.2;         // [s]
-  static constexpr double kRest = 0.02;                           // [rad/s]
-  static constexpr double kMostTorque = 1.0, kMostForce = 4.0;    // [N m], [N]
-  static constexpr double kPerSpeed = 20, kPerAcceleration = 10;  // [N s/m], [N s^2/m]
-  static constexpr double kCutoff = 4;                            // of a, as late as the estimate [Hz]
-  static constexpr double kLever = 0.25;                          // [m]
+  static constexpr double kSettling = 0.1, kTaking = 0.2;                          // [s]
+  static constexpr double kRest = 0.02;                                            // [rad/s]
+  static constexpr double kMostTorque = 0.8, kMostForce = 3.0, kMostMoment = 1.0;  // [N m], [N], [N m]
+  static constexpr double kPerSpeed = 20, kPerAcceleration = 10;                   // [N s/m], [N s^2/m]
+  static constexpr double kCutoff = 4;    // of a, as late as the estimate [Hz]
+  static constexpr double kLever = 0.25;  // [m]
 
   void start(const OwnedArm& arm);
   // Once per tick, before the others.
@@ -49,6 +52,11 @@ class FeltWrench {
     return waits() ? std::numeric_limits<double>::infinity() : share * motion_n_;
   }
   double turning(double share) const { return kLever * motion(share); }  // [N m]
+  // The same for a motion that is not this hand's: two hands that move together keep what they hold.
+  static double motion_of(double speed, double acceleration) {
+    return kPerSpeed * std::abs(speed) + kPerAcceleration * std::abs(acceleration);
+  }
+  const Vector3& acceleration() const { return acceleration_; }  // of E, low-passed [m/s^2]
 
  private:
   void take(const OwnedArm& arm, double dt);
@@ -57,6 +65,7 @@ class FeltWrench {
   JointVector bias_;  // [N m] (n x 1)
   double age_ = 0, summed_ = 0, motion_n_ = 0;
   LowPass<Vector3> velocity_;
+  Vector3 acceleration_ = Vector3::Zero();
   Vector6 F_ = Vector6::Zero();
 };
 

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "core/controllets/builtins.hpp"
+#include "core/state/external_force.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/dense_algebra.hpp"
 #include "core/testing/test_arm.hpp"
@@ -67,12 +68,12 @@ TEST(FeltWrench, TheBiasOfARealPandaIsGoneInEveryPose) {
   felt.start(bench.owned());
   bench.run(felt, 199);
   EXPECT_TRUE(felt.waits());
-  EXPECT_GT(felt.at_E().head<3>().norm(), 0.5);  // as the arm sends it, until then
+  EXPECT_EQ(felt.at_E(), (Vector6::Zero()));  // nothing is felt until then
   bench.run(felt, 2);
   ASSERT_EQ(felt.tare(), Tare::taken);
   Draw draw(3);
   for (int i = 0; i < 5; ++i) {
-    bench.at(bent(7) + draw.joints(7, 0.3));
+    bench.at(bent(7) + draw.joints(7, 0.1));
     const Vector6 F = six(draw.vector3(20), draw.vector3(3));
     bench.feel(kBias + bench.of(F));
     bench.run(felt, 1);
@@ -89,6 +90,14 @@ TEST(FeltWrench, AContactAtTheStartStaysFelt) {
     EXPECT_EQ(felt.tare(), Tare::too_large);
     EXPECT_LT((felt.at_E() - F).norm(), 0.01);
   }
+  // A moment, too, that a bias at rest does not make.
+  Bench turned;
+  Draw draw(9);
+  JointVector tau;
+  do tau = turned.of(six(Vector3::Zero(), 1.1 * draw.vector3(1).normalized()));
+  while (tau.cwiseAbs().maxCoeff() > 0.75);
+  turned.feel(tau);
+  EXPECT_EQ(turned.tared().tare(), Tare::too_large);
   // One of less than a bias may be is not told from one, and costs no more than itself.
   Bench bench;
   const JointVector light = bench.of(six({0, 0, -1}, Vector3::Zero()));
@@ -98,6 +107,30 @@ TEST(FeltWrench, AContactAtTheStartStaysFelt) {
   bench.feel(10 * light);
   bench.run(felt, 1);
   EXPECT_NEAR(felt.at_E().z(), -9, 0.01);
+}
+
+// Near singular poses arms send a wrench of exactly 0, and a bias of joint torques becomes a large one: what
+// comes off is bounded, and nothing comes off what is not felt.
+TEST(FeltWrench, ABiasIsNoPhantomInSingularPoses) {
+  Bench bench;
+  bench.feel(kBias);
+  FeltWrench felt = bench.tared();
+  ASSERT_EQ(felt.tare(), Tare::taken);
+  double largest = 0;
+  Draw draw(8);
+  for (int i = 0; i < 300; ++i) {
+    bench.at(bent(7) + draw.joints(7, 3));
+    const Jacobian J = bench.rig.terms(0).J_V_WE();
+    largest = std::max(largest, wrench_of(J, kBias).force().norm());
+    bench.rig.state(0).tau_ext_hat = kBias;
+    bench.rig.state(0).F_K_W_est.vector.setZero();
+    bench.run(felt, 1);
+    EXPECT_EQ(felt.at_E(), (Vector6::Zero()));
+    bench.rig.state(0).F_K_W_est.vector = six({1e-3, 0, 0}, Vector3::Zero());
+    bench.run(felt, 1);
+    EXPECT_LT(felt.at_E().head<3>().norm(), FeltWrench::kMostForce + 0.01);
+  }
+  EXPECT_GT(largest, 2 * FeltWrench::kMostForce);
 }
 
 TEST(FeltWrench, TakesNothingFromAnArmThatMovesOrTellsNothing) {

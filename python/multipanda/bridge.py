@@ -130,6 +130,11 @@ class Bridge:
         self.lead = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self.lead.settimeout(_PATIENCE_S)
         self.lead.connect(path)
+        # Files of a killed program are closed in their order: this one, which holds the arms, after the commands'.
+        high = fcntl.fcntl(self.lead, fcntl.F_DUPFD_CLOEXEC, 200)
+        self.lead.close()
+        self.lead = socket.socket(fileno=high)
+        self.lead.settimeout(_PATIENCE_S)
         self.next_beat_s = 0.0
         self.out = bytearray(MAGIC + frame(b"h", 0, path.encode()))
         self.mirror: _Mirror | None = None
@@ -165,9 +170,7 @@ class Bridge:
         """The run has ended, which its other connections tell, or has heard nothing from here for too long."""
         self.lead.close()
         self.next_beat_s = float("inf")
-        with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-            probe.connect(self.path)
-            self.ended = "the run heard nothing from here for too long: its arms are held"
+        self.ended = "the run has ended, or heard nothing from here for too long: its arms are held"
 
     def take(self, kind: bytes, number: int, contents: bytes) -> None:
         """Does what a frame says."""
@@ -179,7 +182,7 @@ class Bridge:
             if late_s > self.silence_s:
                 self.ended = f"the network is {late_s:.1f} s late, more than silence_s: its arms are held"
         elif kind == b"b":
-            (self.silence_s,) = struct.unpack("<d", contents)
+            self.silence_s = min(max(struct.unpack("<d", contents)[0], 0.2), 60)  # what a run accepts
             self.beat()
         elif kind == b"e":
             self.commanded.clear()
@@ -215,6 +218,8 @@ class Bridge:
                         self.sockets[number].send(contents[8:])
             else:
                 self.note(number, contents)
+                if self.ended:
+                    return self.pass_stops(contents)
                 self.waiting[number] += contents
                 self.send(number)
 
@@ -235,9 +240,9 @@ class Bridge:
     def turn(self, frames: Frames) -> None:
         """Waits for events and handles them."""
         poll = select.poll()
-        poll.register(0, _IN)
         if self.lead.fileno() >= 0:
-            poll.register(self.lead, _IN)
+            poll.register(self.lead, _IN)  # first: after its end nothing more is passed on
+        poll.register(0, _IN)
         if self.out:
             poll.register(1, _OUT)
         of_file = {own.fileno(): number for number, own in self.sockets.items()}
@@ -256,8 +261,13 @@ class Bridge:
             self.beat()
         for file, events in ready:
             if file == self.lead.fileno():
-                if not self.lead.recv(1 << 12):
+                answer = self.lead.recv(1 << 12)
+                if not answer:
                     self.lose_lead()
+                elif b"unknown request" in answer:
+                    self.ended = "the run is older than this bridge and would hold no arms: start it again"
+                if self.ended:
+                    return
             elif file == 0:
                 part = os.read(0, 1 << 16)
                 self.heard_s = time.monotonic()
@@ -301,8 +311,26 @@ class Bridge:
                 self.turn(frames)
         except (OSError, ValueError) as wrong:  # a broken pipe
             self.ended = str(wrong)
+        self.last_stops(frames)
         for own in (*self.sockets.values(), self.lead):
             own.close()
+
+    def last_stops(self, frames: Frames) -> None:
+        """What says stop counts, however late; everything else is too old."""
+        with contextlib.suppress(OSError, ValueError):  # BlockingIOError: all is read
+            while part := os.read(0, 1 << 16):
+                for kind, _, contents in frames.add(part):
+                    if kind == b"d":
+                        self.pass_stops(contents)
+
+    def pass_stops(self, contents: bytes) -> None:
+        """Gives what says stop to the run, on a connection of its own; half a line is one, too."""
+        for line in contents.split(b"\n"):
+            if b"stop" in line.lower():
+                with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as own:
+                    own.settimeout(_PATIENCE_S)
+                    own.connect(self.path)
+                    own.sendall(line + b"\n")
 
 
 def main() -> int:

@@ -368,7 +368,12 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
   if (auto* of_gripper = std::get_if<GripperRequest>(&request)) {
     pending.patience_s = kGripperPatience;
     pending.arm = target;
-    if (!ends_motion(BackendRequest(*of_gripper))) {
+    // What is held and shall be held more firmly would fall.
+    run_.latest->copy(snapshot_);
+    const bool tightens =
+        snapshot_.arms[target].sample.gripper_grasped &&
+        (std::holds_alternative<GripperGrasp>(*of_gripper) || std::holds_alternative<VacuumOn>(*of_gripper));
+    if (!ends_motion(BackendRequest(*of_gripper)) && !tightens) {
       const bool suction =
           std::holds_alternative<VacuumOn>(*of_gripper) || std::holds_alternative<VacuumDrop>(*of_gripper);
       pending.ending = suction ? GripperRequest(VacuumStop{}) : GripperRequest(GripperStop{});

@@ -12,6 +12,7 @@
 #include <tuple>
 #include <unistd.h>
 #include <utility>
+#include <vector>
 
 #include "common/text.hpp"
 
@@ -23,7 +24,9 @@ using nlohmann::json;
 constexpr auto kPollPeriod = std::chrono::microseconds(500);  // while an answer of the loop is pending
 constexpr auto kTurn = std::chrono::milliseconds(2);          // for requests, and for packets; a stop waits
 constexpr double kSlowest = 0.1, kFastest = 1000;             // of a subscription [Hz]
-constexpr double kLeastSilence = 0.2, kMostSilence = 60;      // of a client that leads [s]
+constexpr std::size_t kMostLast = 16,
+                      kLongestLast = 1024;  // lines of a client that count out of turn; bytes of one
+constexpr double kLeastSilence = 0.2, kMostSilence = 60;  // of a client that leads [s]
 
 json refusal(const std::string& code, const std::string& reason) {
   return {{"ok", false}, {"verdict", code}, {"reason", reason}};
@@ -211,15 +214,23 @@ void LiveServer::accept_publishers() {
   }
 }
 
-// Takes the data that has arrived: stops at once, other requests in turn. Returns whether something came.
+// Takes the data that has arrived: stops at once, and `lead`, since what it names ends with a client that
+// dies before its turn; other requests in turn. Returns whether something came.
 bool LiveServer::read(Client& client) {
   const bool came = client.line.receive();
+  std::size_t leads = 0;
   const HostTime now = host_now();
   // A request without a time may have waited in the socket since before a gap.
   const HostTime arrived = gaps_.settles() ? HostTime{} : now;
   while (auto line = client.line.next()) {
     client.heard = now;
     if (take_stop(client, line->text)) continue;
+    if (leads < kMostLast && line->text.size() < kLongestLast &&
+        line->text.find("\"lead\"") != line->text.npos) {
+      ++leads;
+      take_line(client, {std::move(*line), arrived});
+      continue;
+    }
     if (client.waiting_bytes > kMaxWaiting) {
       ++client.dropped;
       continue;
@@ -230,13 +241,20 @@ bool LiveServer::read(Client& client) {
   return came;
 }
 
-// Its last lines count if they are stops or switches to hold. Its other requests do not begin.
+// Its last lines count if they are stops or switches to hold; kMostLast of these at most, since others' stops
+// wait meanwhile. Its other requests do not begin.
 void LiveServer::hang_up(Client& client) {
   constexpr int kMostTurns = 64;  // a socket buffer holds less
   for (int turn = 0; turn < kMostTurns && read(client); ++turn) {
   }
-  for (const Waiting& last : std::exchange(client.waiting, {})) {
-    if (handler_.only_holds(json::parse(last.line.text, nullptr, false))) take_line(client, last);
+  std::vector<Waiting> last;  // newest first
+  const auto waiting = std::exchange(client.waiting, {});
+  for (auto line = waiting.rbegin(); line != waiting.rend() && last.size() < kMostLast; ++line) {
+    const std::string& text = line->line.text;
+    if (text.size() < kLongestLast && text.find("\"switch\"") != text.npos) last.push_back(*line);
+  }
+  for (auto line = last.rbegin(); line != last.rend(); ++line) {
+    if (handler_.only_holds(json::parse(line->line.text, nullptr, false))) take_line(client, *line);
   }
   for (Started& started : client.requests) (void)handler_.abandon(started.pending);
   if (client.leads != 0) end_or_stop(handler_.modes(), client.leads);

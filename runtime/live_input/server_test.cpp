@@ -189,9 +189,22 @@ TEST_F(ServerTest, WhatAClientLeadsEndsWithIt) {
   const auto leads = [&] { return fixture_.loop.modes().owner(0) == fixture_.loop.find("pose0"); };
   const std::string lead = R"({"do":"lead","controllets":["pose0","none"],"silence_s":0.3,"id":1})"
                            "\n";
-  for (const std::string way : {"closes", "is silent", "leaves in order"}) {
+  for (const std::string way : {"closes", "is silent", "leaves in order", "dies behind a flood"}) {
     ASSERT_EQ(other.ask({{"do", "switch"}, {"activate", {"pose0", "pose1"}}})["ok"], true);
     std::optional<Raw> client(server_.path());
+    if (way == "dies behind a flood") {  // its lead has not had its turn
+      std::string flood;
+      ASSERT_TRUE(leads());
+      for (int i = 0; i < 500; ++i)
+        flood += R"({"do":"list","id":3})"
+                 "\n";
+      client->send(flood + lead);
+      client.reset();
+      for (const HostTime begun = host_now(); leads() && seconds(host_now() - begun) < 5;)
+        std::this_thread::yield();
+      EXPECT_FALSE(leads()) << way;
+      continue;
+    }
     client->send(lead);
     ASSERT_EQ(client->next()["ok"], true);
     for (const HostTime begun = host_now(); seconds(host_now() - begun) < 0.6; std::this_thread::yield()) {

@@ -306,6 +306,20 @@ class OverSsh(unittest.TestCase):
         until(lambda: not bridges(), "the bridge has ended")
         self.assertFalse(self.run_.arms["left"].state.held)  # what it missed does not count any more
 
+    def test_a_stop_that_waits_at_a_frozen_bridge_counts(self):
+        far = self.connect(silence_s=0.5)
+        standing = bridges()
+        for each in standing:
+            os.kill(each, signal.SIGSTOP)
+        try:
+            far.connection.post({"do": "stop"})
+            time.sleep(0.8)  # more than silence_s: everything else is too old
+        finally:
+            for each in standing:
+                os.kill(each, signal.SIGCONT)
+        until(lambda: all(self.run_.arms[name].state.stopped for name in ("left", "right")), "the stop")
+        self.run_.resume()
+
     def test_a_client_is_killed(self):
         program = (
             "import sys, multipanda as mp\n"
