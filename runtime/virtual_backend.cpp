@@ -38,7 +38,7 @@ fci::VirtualArmOptions options_of(const Scene& scene, VirtualPace pace, bool rea
   options.patience = kLockstepPatience;
   options.idle_stands_still = true;  // the arms start in the scene's configuration
   // Real arms do not wait for a free core either. Below the loop: a late torque is worse than a late state.
-  if (pace == VirtualPace::realtime) options.thread = ThreadSetup{.fifo_priority = 75, .lock_memory = false};
+  if (pace == VirtualPace::realtime) options.thread = ThreadSetup{.lock_memory = false, .fifo_priority = 75};
   return options;
 }
 

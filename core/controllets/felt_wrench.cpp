@@ -36,7 +36,7 @@ void FeltWrench::update(const OwnedArm& arm, double dt) {
   if (waits()) take(arm, dt);
   ModelTerms& terms = *arm.terms;
   Wrench F = arm.state->F_K_W_est;
-  if (waits()) F.vector *= 0;  // what is no number stays one
+  if (waits()) F.vector *= 0;  // NaN stays NaN
   if (tare_ == Tare::taken && !F.vector.isZero(0)) {
     const Wrench b = wrench_of(terms.J_V_WK(), bias_);
     F.vector -= b.vector / std::max({1.0, b.force().norm() / kMostForce, b.torque().norm() / kMostMoment});
