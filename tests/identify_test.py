@@ -173,7 +173,7 @@ class Recordings(InFolder):
 
     @unittest.skipUnless(DATA.exists(), f"no {DATA}")
     def test_touches_of_a_real_arm_are_found(self):
-        """45 touches by a person: none missed, none false, within 35 ms; docs/forces.md has the table."""
+        """45 touches by a person: none missed, none false, within 35 ms; docs/results/control.md has the table."""
         logs = sorted(DATA.parent.glob("panda_touch_*.csv"))
         self.assertEqual(len(logs), 3)
         told = json.loads(self.done("observe", *logs, "--model", "fer", "--hand", "--json"))
