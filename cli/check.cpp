@@ -56,7 +56,7 @@ int run(const std::string& name) {
   for (const auto& text : scene.unsafer_laws) fmt::print("  law with reduced safeguards: {}\n", text);
   for (const auto& text : scene.lowered) fmt::print("  {}\n", text);
   for (const auto& text : scene.near_leaders) fmt::print("  {}\n", text);
-  for (const auto& text : softened_laws(scene)) fmt::print("  warning: {}\n", text);
+  for (const auto& text : softened_laws(scene, session.registry())) fmt::print("  warning: {}\n", text);
   for (InstanceIndex i = 0; i < session.modes().instance_count(); ++i) {
     const Instance& instance = session.modes().instance(i);
     std::vector<std::string> arms, features;

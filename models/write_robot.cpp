@@ -55,7 +55,7 @@ bool same(const TorqueSensor& a, const TorqueSensor& b) {
 }
 
 bool same(const IdentifiedRange& a, const IdentifiedRange& b) {
-  return same(a.q_min, b.q_min) && same(a.q_max, b.q_max) && same(a.dq_max, b.dq_max);
+  return same(a.q_min, b.q_min) && same(a.q_max, b.q_max) && same(a.dq_max, b.dq_max) && same(a.rmse, b.rmse);
 }
 
 bool same(const Actuation& a, const Actuation& b) {
@@ -124,7 +124,8 @@ std::string text_of(const Actuation& actuation) {
 
 std::string text_of(const IdentifiedRange& range) {
   return "\n  lower_rad: " + list(range.q_min) + "\n  upper_rad: " + list(range.q_max) +
-         "\n  velocity_rad_per_s: " + list(range.dq_max) + "\n";
+         "\n  velocity_rad_per_s: " + list(range.dq_max) + "\n" +
+         (range.rmse.size() > 0 ? "  expected_rmse_nm: " + list(range.rmse) + "\n" : std::string());
 }
 
 // `word`: placeholder for a section of the base that the robot removes.

@@ -71,6 +71,7 @@ class Session {
   Session(const Session&) = delete;
 
   const Scene& scene() const { return scene_; }
+  const Registry& registry() const { return registry_; }
   double duration_s() const { return duration_s_; }  // 0: until stopped
   Backend& backend() { return *backend_.backend; }
   const RecordLayout& layout() const { return cycle_->layout(); }  // of the records

@@ -55,11 +55,8 @@ class StillArms final : public Backend {
 
 class Trial {
  public:
-  explicit Trial(const Scene& scene)
-      : registry_(build_registry(scene.plugins)),
-        config_(build_cycle_config(scene)),
-        arms_(scene, config_),
-        cycle_(config_, registry_, arms_) {
+  Trial(const Scene& scene, const Registry& registry)
+      : config_(build_cycle_config(scene)), arms_(scene, config_), cycle_(config_, registry, arms_) {
     cycle_.step(arms_.wait());
   }
   MultimodeController& modes() { return cycle_.modes(); }
@@ -94,7 +91,6 @@ class Trial {
   }
 
  private:
-  Registry registry_;
   CycleConfig config_;
   StillArms arms_;
   ControlCycle cycle_;
@@ -102,9 +98,9 @@ class Trial {
 
 }  // namespace
 
-std::vector<std::string> softened_laws(const Scene& scene) {
+std::vector<std::string> softened_laws(const Scene& scene, const Registry& registry) {
   std::vector<std::string> found;
-  Trial trial(scene);
+  Trial trial(scene, registry);
   for (auto i = static_cast<InstanceIndex>(scene.arms.size()); i < trial.modes().instance_count(); ++i) {
     if (!trial.activate(i)) continue;
     const double share = trial.share(i);

@@ -216,7 +216,7 @@ const std::vector<Refusal> kWorld{
     {"fidelity",
      kArms + "plant: {fidelity: realistc}\n",
      4,
-     {"'ideal' or 'realistic'", "did you mean 'realistic'"}},
+     {"'ideal', 'realistic' or 'realistic_sensors'", "did you mean 'realistic'"}},
     {"delay", kArms + "plant: {command_delay_s: 0.0015}\n", 4, {"whole control periods"}},
     {"stiction", kArms + "plant: {stiction_nm: -0.1}\n", 4, {"0 to 5", "[N m]"}},
     {"noslip", kArms + "plant: {noslip_iterations: 2.5}\n", 4, {"a whole number"}},

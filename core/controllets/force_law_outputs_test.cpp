@@ -37,7 +37,7 @@ struct Course {
       ArmState& state = law.rig.state(i);
       state.has_wrench_estimate = true;
       state.F_K_W_est.vector.setZero();
-      state.F_K_W_est.vector.head<3>() = (t > 150 ? 8 + 0.01 * t : 0) * (i == 0 ? 1.0 : -1.0) * along();
+      state.F_K_W_est.vector.head<3>() = (t > 150 ? 20 + 0.01 * t : 0) * (i == 0 ? 1.0 : -1.0) * along();
       state.F_K_W_est.vector[1] += 0.5;
     }
   }
@@ -138,6 +138,7 @@ TEST(ForceLawOutputs, StoredEnergyIsABook) {
 TEST(ForceLawOutputs, ForcesAreThoseAlongThePressingDirection) {
   for (const Law& described : laws()) {
     Course run(described, 53);
+    run.law.rig.set("contact_motion_share", {0});
     ASSERT_EQ(run.law.rig.start(), LawResult::ok);
     run.tick(0);
     const Vector3 n = run.along();

@@ -420,7 +420,7 @@ TEST(Teleoperation, LetsGoOfALeaderThatNobodyHolds) {
     arms.rig.bound({});
     ASSERT_EQ(arms.rig.start(), LawResult::ok);
     arms.wait(0.3);
-    if (held) arms.rig.state(0).F_K_W_est.vector[2] = 6;
+    if (held) arms.rig.state(0).F_K_W_est.vector[2] = 12;
     const JointVector way = arms.draw.joints(7, 0.3);
     ASSERT_GT((arms.plain[0].jacobian(arms.q[0]) * way).head<3>().norm(), 0.06);
     for (int k = 0; k < 800; ++k) {  // the follower first, by 0.1 s; then the leader comes after it

@@ -221,10 +221,9 @@ TEST_F(CsvLogs, RepeatsAreFoundInTheOrderOfTheirNumbers) {
   EXPECT_THROW(find_repeats(folder_ / "empty"), LogRefused);
 }
 
-TEST_F(CsvLogs, OtherKindsOfFilesAreRefusedWithTheWayToReadThem) {
-  EXPECT_THAT(refusal(put("run.npz", "x")),
-              AllOf(HasSubstr("run.npz: expected .mcap"), HasSubstr("savetxt")));
-  EXPECT_THAT(refusal(put("bag_0.db3", "x")), AllOf(HasSubstr("bag_0.db3"), HasSubstr("ros2 bag convert")));
+TEST_F(CsvLogs, BrokenFilesOfOtherKindsAreNamed) {
+  for (const char* name : {"run.npz", "bag_0.db3"})
+    EXPECT_THAT(refusal(put(name, "x")), HasSubstr(std::string(name) + ": cannot be read: ")) << name;
 }
 
 // The recorded file of a real arm, if it is available.

@@ -90,7 +90,7 @@ class ComingFrom(unittest.TestCase):
     def test_ros_names(self):
         known = (ROOT / "docs" / "ros_interfaces.md").read_text(encoding="utf-8")
         ours = [code for code in our_column("franka_ros2") if code.startswith(("<arm>", "~/", "multipanda_msgs"))]
-        self.assertGreater(len(ours), 6)
+        self.assertGreater(len(ours), 1)
         for name in ours:
             self.assertIn(name, known)
         plugins = (ROOT / "docs" / "ros2_control.md").read_text(encoding="utf-8")

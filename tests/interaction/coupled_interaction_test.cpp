@@ -14,6 +14,13 @@ Scene scene_on(const PlantFidelity& plant) {
   return scene;
 }
 
+// Thresholds of contact for an estimate without errors.
+Scene sharp(Scene scene) {
+  set(scene, "contact_threshold_n", {2});
+  set(scene, "contact_motion_share", {0});
+  return scene;
+}
+
 constexpr double kDegree = M_PI / 180;
 
 struct Bounds {
@@ -75,7 +82,7 @@ TEST(CoupledInteraction, PushedBoxMovesAgainstTheAbsoluteSpringAndTheSqueezeStay
 
 // With the paper's 50 N/m per arm, the springs deflect by m g / K under the box.
 TEST(CoupledInteraction, WithThePapersGainsTheBoxSags) {
-  Scene scene = scene_on(PlantFidelity::ideal());
+  Scene scene = sharp(scene_on(PlantFidelity::ideal()));
   paper_gains(scene, false);
   const Figures f = figures(run(scene));
   EXPECT_TRUE(f.held);
@@ -144,7 +151,7 @@ TEST(CoupledInteraction, NoEnergyIsCreatedUnderDisturbances) {
 
 // The same measure detects the energy that the paper's valve law creates, so the check can fail.
 TEST(CoupledInteraction, ThePrintedValveLawIsNotPassive) {
-  Scene scene = scene_on(PlantFidelity::ideal());
+  Scene scene = sharp(scene_on(PlantFidelity::ideal()));
   set(scene, "tank_start_j", {0.2});
   set(scene, "valve_law", {1});
   EXPECT_GT(box_vanishes(scene, 9.0).energy_excess, 0.05);
