@@ -157,7 +157,8 @@ RunSummary run_session(Session& session, StopSignals& signals, const Console& co
   }
   for (const auto& text : session.scene().lowered) console.line(text);
   for (const auto& text : session.scene().near_leaders) console.line(text);
-  for (const auto& text : softened_laws(session.scene(), session.registry())) console.line("warning: " + text);
+  for (const auto& text : softened_laws(session.scene(), session.registry()))
+    console.line("warning: " + text);
   signals.attach(session);
   LiveDisplay display(console, session.scene().name, session.duration_s());
   session.start();

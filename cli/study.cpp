@@ -46,7 +46,11 @@ int serve() {
 }
 
 int run(const StudyArguments& arguments) {
-  if (arguments.worker) return serve();
+  if (arguments.worker) {
+    // Before the first line of output: the identity of results contains every library (study_identity.py).
+    (void)from_own_library("libmultipanda_mujoco.so", "multipanda_engine");
+    return serve();
+  }
   if (!arguments.page.empty()) {
     PageScript("experiments/study/study_page.py", "the page").run({arguments.page});
     return kSuccess;
