@@ -152,7 +152,7 @@ class Tour:
     def act(self, said):
         if match := re.match(r"\s*now push arm '(\w+)'", said):
             self.arms.control(f"push {match[1]} 0 14 -6 {LONG}")
-        elif match := re.match(r"\s*arm '(\w+)' at .* felt .* Let go", said):
+        elif match := re.match(r"\s*arm '(\w+)' at .* push measured .* Let go", said):
             self.free(match[1])
         elif match := re.match(r"\s*now press the user stop of arm '(\w+)'", said):
             self.button = match[1]
