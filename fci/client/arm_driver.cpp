@@ -306,15 +306,20 @@ void ArmDriver::change_motion() {
   if (!answer.success) notify(answer.reason);
 }
 
-// A requested motion, unless it was stopped or the program stalled since.
+// A requested motion, unless it was stopped or the program stalled since; also while it starts, because an
+// arm may wait for its first command.
 void ArmDriver::start_motion_of(HostTime asked) {
-  const bool stopped = asked.ns < stopped_ns_.load(std::memory_order_acquire);
-  if (stopped || asked < link_.gaps().look()) {  // also since the last wait
+  const auto check = [&] {
+    const bool stopped = asked.ns < stopped_ns_.load(std::memory_order_acquire);
+    if (!stopped && asked >= link_.gaps().look()) return;  // also since the last wait
+    if (link_.has_motion()) link_.stop();
     enter(Phase::stopped);
     refuse((stopped ? std::string("its motion has been stopped since") : kStalled) + ": run " +
            ctl_command("recover"));
-  }
+  };
+  check();
   start_requested_motion();
+  check();
 }
 
 RequestAnswer ArmDriver::recover(HostTime asked) {

@@ -351,6 +351,9 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
   BackendRequest request = read_backend_request(name, fields, with_common({}));
   if (!ends_motion(request)) keep_patience(fields, not_before, pending);
   std::visit([&](auto& asked) { asked.begin_by = pending.begin_by; }, request);
+  // This thread may have stalled since it took the request; the backend's own watch begins with it.
+  if (!ends_motion(request) && host_now() - pending.received > GapWatch::kLongest)
+    throw RequestRefused(std::string(name_of(Verdict::timeout)), kStalled);
   if (auto* of_world = std::get_if<WorldRequest>(&request)) {
     auto* place = std::get_if<PlaceObject>(of_world);
     if (place != nullptr && !fields.has("rpy_rad") && !fields.has("quaternion_wxyz")) {

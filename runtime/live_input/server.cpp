@@ -351,7 +351,9 @@ void LiveServer::take_line(Client& client, const Waiting& waiting) {
     }
     if (take_connection_request(client, request, id)) return;
     Started started{.id = id, .pending = {}};
-    if (auto at_once = handler_.begin(request, started.pending, arrived, gaps_.end())) {
+    const HostTime not_before =
+        gaps_.look(host_now(), 0);  // this thread may have stalled since it read the line
+    if (auto at_once = handler_.begin(request, started.pending, arrived, not_before)) {
       // Samples of a stream without an id are answered only if refused.
       if (at_once->contains("streamed") && id.is_null()) return;
       if (at_once->value("ok", false)) return answer(client, std::move(*at_once), id);
