@@ -14,13 +14,14 @@ namespace {
 
 std::string error_text(int error) { return std::strerror(error); }
 
-constexpr std::size_t kPage = 4096, kLaterStack = 1 << 20;
+constexpr std::size_t kPage = 4096;
 
 // Brings code, data and heap into memory, and keeps them there. The stacks of other threads stay as they are,
-// since most of their 8 MB each will never be used; glibc puts a page without access below each.
-void lock_mappings(std::size_t stack) {
+// since most of their 8 MB each will never be used; glibc puts a page without access below each. What cannot
+// be locked are pages of the kernel. Returns false if the mappings are not readable.
+bool lock_mappings(std::size_t stack) {
   std::FILE* const maps = std::fopen("/proc/self/maps", "r");
-  if (maps == nullptr) return;
+  if (maps == nullptr) return false;
   std::uintptr_t guard_end = 0;
   std::array<char, 512> line{};
   while (std::fgets(line.data(), line.size(), maps) != nullptr) {
@@ -33,27 +34,23 @@ void lock_mappings(std::size_t stack) {
     if (begin == guard_end && !is_file) begin += stack;  // behind it may be other memory
     if (begin < end) (void)mlock(reinterpret_cast<void*>(begin), end - begin);
   }
-  (void)std::fclose(maps);
+  return std::fclose(maps) == 0;
 }
 
-// Returns the former size; 0: unknown.
-std::size_t set_stack_of_later_threads(std::size_t size) {
+// Of threads that are started without a size of their own [bytes]; 0: unknown, then stacks are locked, too.
+std::size_t usual_stack() {
   pthread_attr_t attributes;
-  std::size_t before = 0;
-  if (pthread_getattr_default_np(&attributes) != 0) return before;
-  (void)pthread_attr_getstacksize(&attributes, &before);
-  (void)pthread_attr_setstacksize(&attributes, size);
-  (void)pthread_setattr_default_np(&attributes);
+  std::size_t size = 0;
+  if (pthread_getattr_default_np(&attributes) != 0) return size;
+  (void)pthread_attr_getstacksize(&attributes, &size);
   (void)pthread_attr_destroy(&attributes);
-  return before;
+  return size;
 }
 
-// For what exists now and for what is allocated later. Threads that start later have small stacks, since
-// these are locked as a whole.
+// For what exists now and for what is allocated later, in which the stacks of later threads are contained.
 SetupStep lock_memory() {
-  if (mlockall(MCL_CURRENT | MCL_ONFAULT) == 0 && mlockall(MCL_FUTURE) == 0) {
-    static const std::size_t stack_before = set_stack_of_later_threads(kLaterStack);
-    lock_mappings(stack_before);
+  if (mlockall(MCL_CURRENT | MCL_ONFAULT) == 0 && mlockall(MCL_FUTURE) == 0 &&
+      (lock_mappings(usual_stack()) || mlockall(MCL_CURRENT | MCL_FUTURE) == 0)) {
     return {"memory lock", true, {}};
   }
   return {"memory lock", false,
