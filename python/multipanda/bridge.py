@@ -24,6 +24,7 @@ import fcntl
 import json
 import mmap
 import os
+import re
 import select
 import signal
 import socket
@@ -45,6 +46,16 @@ _HUP, _IN, _OUT = select.POLLHUP | select.POLLERR, select.POLLIN, select.POLLOUT
 def frame(kind: bytes, number: int = 0, contents: bytes = b"") -> bytes:
     """A frame as bytes."""
     return HEADER.pack(len(contents), kind[0], number) + contents
+
+
+def _stops(line: bytes) -> bool:
+    """Whether a line stops arms. Others contain the word, too: `stops` of a resume."""
+    try:
+        request = json.loads(line)
+    except ValueError:
+        return re.search(rb"\bstop\b", line.lower()) is not None
+    word = str(request.get("do") if isinstance(request, dict) else request).strip().lower()
+    return word in ("stop", "stop_motion")
 
 
 class Frames:
@@ -324,9 +335,9 @@ class Bridge:
                         self.pass_stops(contents)
 
     def pass_stops(self, contents: bytes) -> None:
-        """Gives what says stop to the run, on a connection of its own; half a line is one, too."""
+        """Gives stops to the run, on a connection of its own; half a line that says stop is one, too."""
         for line in contents.split(b"\n"):
-            if b"stop" in line.lower():
+            if _stops(line):
                 with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as own:
                     own.settimeout(_PATIENCE_S)
                     own.connect(self.path)

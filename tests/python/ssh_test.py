@@ -306,18 +306,29 @@ class OverSsh(unittest.TestCase):
         until(lambda: not bridges(), "the bridge has ended")
         self.assertFalse(self.run_.arms["left"].state.held)  # what it missed does not count any more
 
-    def test_a_stop_that_waits_at_a_frozen_bridge_counts(self):
+    def while_frozen(self, **request):
+        """Posts a request to a bridge that stands still for longer than silence_s."""
         far = self.connect(silence_s=0.5)
         standing = bridges()
         for each in standing:
             os.kill(each, signal.SIGSTOP)
         try:
-            far.connection.post({"do": "stop"})
-            time.sleep(0.8)  # more than silence_s: everything else is too old
+            far.connection.post(request, patience_s=20)
+            time.sleep(0.8)
         finally:
             for each in standing:
                 os.kill(each, signal.SIGCONT)
-        until(lambda: all(self.run_.arms[name].state.stopped for name in ("left", "right")), "the stop")
+        until(lambda: not bridges(), "the bridge has ended")
+
+    def test_what_waits_at_a_frozen_bridge_counts_only_if_it_stops(self):
+        def stopped():
+            return [self.run_.arms[name].state.stopped for name in ("left", "right")]
+
+        self.while_frozen(do="stop")
+        until(lambda: stopped() == [True, True], "the stop")
+        self.while_frozen(do="resume", stops=self.run_.connection.ask({"do": "state"})["state"]["stops"])
+        time.sleep(0.3)  # a request that was passed on has acted by then
+        self.assertEqual(stopped(), [True, True])
         self.run_.resume()
 
     def test_a_client_is_killed(self):
