@@ -811,6 +811,20 @@ TEST_F(RequestsTest, GrippersTakeNamedActions) {
   EXPECT_FALSE(state["arms"][0].contains("gripper"));
   EXPECT_EQ(state["arms"][1]["gripper"]["width_m"], 0.03);
   EXPECT_EQ(state["arms"][1]["gripper"]["grasped"], true);
+
+  // A motion stops with a client that dies before its answer; a firmer grasp of what is held does not: it
+  // would fall.
+  const auto ends = [&](json request, const char* arm) {
+    RequestHandler::Pending pending;
+    request["arm"] = arm;
+    (void)handler_.begin(request, pending);
+    return pending.ending.has_value();
+  };
+  const json firmer = {{"do", "gripper"}, {"action", "grasp"}, {"width_m", 0.03}, {"force_n", 40}};
+  EXPECT_FALSE(ends(firmer, "arm1"));
+  EXPECT_FALSE(ends({{"do", "vacuum"}, {"action", "on"}, {"vacuum_mbar", 500}}, "arm1"));
+  EXPECT_TRUE(ends({{"do", "gripper"}, {"action", "move"}, {"width_m", 0.05}}, "arm1"));
+  EXPECT_TRUE(ends(firmer, "arm0"));
 }
 
 TEST_F(RequestsTest, StateNamesErrorsAndTheReasonOfAStop) {
