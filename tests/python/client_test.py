@@ -108,7 +108,9 @@ class TwoArms(unittest.TestCase):
         other.close()
         with self.assertWarnsRegex(UserWarning, "there is no arm 'lefd'.*: all arms are stopped"):
             other.stop("lefd")
-        until(lambda: all(arm.stopped for arm in self.run_.state().arms.values()), "the state of a cycle after the stop")
+        until(
+            lambda: all(arm.stopped for arm in self.run_.state().arms.values()), "the state of a cycle after the stop"
+        )
         self.assertIn("until resume", self.run_.lost_by("left_joint", self.left.state))
 
     def test_a_stop_needs_neither_the_folder_nor_the_file_of_its_socket(self):
