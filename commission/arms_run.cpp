@@ -23,6 +23,7 @@ constexpr std::array kLaws{std::pair{Law::guide, "gravity_compensation"},
 constexpr double kHandSpeed = 0.1;  // of set-points [m/s]
 constexpr double kPatience_s = 20;  // waiting time for actions of the loop or an arm
 constexpr std::chrono::milliseconds kLook{50};
+constexpr std::uint64_t kNever = std::numeric_limits<std::uint64_t>::max();
 // An arm may report the end of a motion before its reason: waiting time for the reason [s].
 constexpr double kExplains_s = 0.1;
 
@@ -85,12 +86,15 @@ void ArmsRun::take(const CycleRecord& record) {
   newest_ = record.arms;
   cycle_ = record.cycle;
   t_ = record.t.seconds();
-  if (stopping_ && newest_[*stopping_].owner == expected_[*stopping_]) {
+  // Records come after answers: one of before the last switch shows a hold that is not the stop's.
+  if (stopping_ && cycle_ > answered_ && newest_[*stopping_].owner == expected_[*stopping_]) {
     stopping_.reset();
     expected_from_ = cycle_;
     stopped_by_ = record.start + std::chrono::nanoseconds(record.stages.total);
   }
-  if (recording_ && ++skip_ >= every_) {
+  if (recording_ && record.start < watched_from_) {
+    begin_ = t_;
+  } else if (recording_ && ++skip_ >= every_) {
     skip_ = 0;
     track_.t.push_back(t_ - begin_);
     for (std::size_t i = 0; i < record.arms.size(); ++i) track_.arms[i].push_back(record.arms[i]);
@@ -222,6 +226,7 @@ Track ArmsRun::watch(double duration, unsigned every, const std::function<bool(c
   every_ = every;
   skip_ = every - 1;
   begin_ = t_;
+  watched_from_ = host_now();  // records come late: older ones are not of this watch
   recording_ = true;
   std::string why;
   HostTime heard = host_now();
@@ -271,7 +276,8 @@ void ArmsRun::ask(const Request& request, ArmIndex arm, const char* what, HostTi
                               to_string(answer.verdict)));
   }
   const std::lock_guard lock(mutex_);
-  expected_from_ = answer.cycle + 1;
+  answered_ = answer.cycle;
+  expected_from_ = answered_ + 1;
 }
 
 void ArmsRun::lead(ArmIndex arm, Law law) {
@@ -285,7 +291,7 @@ void ArmsRun::lead(ArmIndex arm, Law law) {
       request.deactivate = bit(before);
     else
       request.activate = bit(next);
-    expected_from_ = std::numeric_limits<std::uint64_t>::max();
+    expected_from_ = kNever;
     expected_[arm] = next;
   }
   ask(request, arm, "a switch");
@@ -294,7 +300,7 @@ void ArmsRun::lead(ArmIndex arm, Law law) {
 void ArmsRun::stop(ArmIndex arm) {
   {
     const std::lock_guard lock(mutex_);
-    expected_from_ = std::numeric_limits<std::uint64_t>::max();  // until the arm is in hold
+    expected_from_ = kNever;  // until the arm is in hold
     expected_[arm] = instance(arm, Law::hold);
     stopping_ = arm;
   }

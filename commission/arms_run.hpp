@@ -91,10 +91,12 @@ class ArmsRun {
   std::vector<InstanceIndex> expected_;
   std::optional<ArmIndex> excused_;
   std::uint64_t cycle_ = 0, expected_from_ = 0;  // the newest record's; since when expected_ holds
+  std::uint64_t answered_ = 0;                   // the cycle of the last answer
   std::optional<ArmIndex> stopping_;             // requested to hold, and not yet observed in hold
   HostTime stopped_by_;                          // end of the cycle that did so
   double t_ = 0;
   bool recording_ = false;
+  HostTime watched_from_;
   double begin_ = 0;
   unsigned every_ = 1, skip_ = 0;
   Track track_;

@@ -73,7 +73,8 @@ bool MultimodeController::overtaken_by_stop(const Mailbox::Posted& posted) const
                 : request.kind == Request::Kind::switch_controllets ? arms_of(request.activate)
                 : request.instance < instances_.size()              ? instances_[request.instance]->arms()
                                                                     : ArmSet{};
-  bool overtaken = false;
+  // A stop that came after the stops of this boundary were taken acts at the next one.
+  bool overtaken = arms.overlaps(ArmSet::from_bits(stop_requests_.load(std::memory_order_acquire)));
   for_each(arms, [&](ArmIndex arm) {
     overtaken =
         overtaken || posted.asked < stopped_at_[arm] ||

@@ -73,7 +73,7 @@ class Examples(unittest.TestCase):
             self.assertEqual(done.returncode, 0, done.stdout + done.stderr + "".join(run.output))
             self.assertEqual(run.end(signal.SIGTERM), 0, "".join(run.output))
         page = (ros_run.ROOT / "docs/ros2.md").read_text()
-        shown = [line.strip() for line in page.split("owners:", 1)[1].split("What [the script]")[0].splitlines()]
+        shown = [line.strip() for line in page.split("owners:", 1)[1].split("[The script]")[0].splitlines()]
         said = done.stdout.removeprefix("owners:").splitlines()
         plain = [re.sub(r"cycle \d+|[\d.]+ (mm|N m)", "", line.strip()) for line in said]
         self.assertEqual(plain, [re.sub(r"cycle \d+|[\d.]+ (mm|N m)", "", line) for line in shown if line])
