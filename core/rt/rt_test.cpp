@@ -1,5 +1,6 @@
 #include <array>
 #include <atomic>
+#include <dlfcn.h>
 #include <future>
 #include <numeric>
 #include <pthread.h>
@@ -159,6 +160,8 @@ TEST(ThreadSetup, EveryStepIsAnsweredWithAReasonIfNotDone) {
 
 // Of another thread's stack only what it uses is in memory; what was allocated is, as a whole.
 TEST(ThreadSetup, TheMemoryLockLeavesTheStacksOfOtherThreads) {
+  if (dlsym(RTLD_DEFAULT, "__asan_init") != nullptr || dlsym(RTLD_DEFAULT, "__tsan_init") != nullptr)
+    GTEST_SKIP() << "a sanitizer replaces mlockall and locks nothing";
   constexpr std::size_t kBytes = 1 << 20, kPage = 4096;
   const auto present = [](void* begin) {
     std::array<unsigned char, kBytes / kPage> pages{};
