@@ -175,10 +175,18 @@ class TwoArms(unittest.TestCase):
                     change = {"left_ee__x": -0.08, "right_ee__z": 0.08}
                 goal = moved(start, **change)
                 robot.act(start)
+                law, last = ("left_joint/joints", 7) if action == "joints" else ("left_cartesian/pose", 3)
+                set_points = []
                 with run.records() as records, paused(run):
                     for _ in range(60):
                         sent = robot.act(goal)
                         run.step(FRAME_MS)
+                        reached = run.state().cycle
+                        for record in records:
+                            set_points.append(record[law][:last])
+                            if record.cycle >= reached:
+                                break
+                    self.assertEqual(records.lost, 0)
                     for name, value in goal.items():
                         self.assertAlmostEqual(sent[name], value, 12)
                         found = robot.observe()[name]
@@ -186,17 +194,8 @@ class TwoArms(unittest.TestCase):
                             found, value = abs(found), abs(value)
                         self.assertAlmostEqual(found, value, delta=4e-3, msg=name)
                     self.assertEqual(robot.silences, 0)
-                    law, last, steps = (
-                        ("left_joint/joints", 7, []) if action == "joints" else ("left_cartesian/pose", 3, [])
-                    )
-                    before, reached = None, run.state().cycle
-                    for record in records:
-                        now = record[law][:last]
-                        if before is not None and np.all(np.isfinite(before)):
-                            steps.append(np.linalg.norm(now - before))
-                        before = now
-                        if record.cycle >= reached:
-                            break
+                steps = np.linalg.norm(np.diff(set_points, axis=0), axis=1)
+                steps = steps[np.isfinite(steps)]
                 # One jump of the action is a motion: at most 2.2 rad/s or 0.6 m/s, never a step.
                 self.assertGreater(max(steps), 1e-5)
                 self.assertLess(max(steps), 2.2e-3 if action == "joints" else 0.6e-3)
