@@ -164,6 +164,19 @@ TEST_F(Stopping, WhatWasAskedBeforeAStopDoesNotRunAfterTheResume) {
   EXPECT_TRUE(loop.activate({"s0"}).accepted());
 }
 
+// Both wait for the same boundary, where the stop acts last.
+TEST_F(Stopping, WhatIsPostedWithAStopIsRefused) {
+  loop.step();
+  loop.modes().stop(ArmSet::of(0));
+  const std::array resume{Request{.kind = Kind::resume, .arms = ArmSet::of(0)}};
+  const std::array start{Request{.activate = loop.set({"s1"})}};
+  const std::uint64_t first = post(resume), second = post(start);
+  loop.step();
+  EXPECT_EQ(verdict(first), Verdict::arm_stopped);
+  EXPECT_EQ(verdict(second), Verdict::accepted) << "an arm that nobody stopped";
+  EXPECT_EQ(loop.modes().stopped(), ArmSet::of(0));
+}
+
 // Somebody else stops the arm again, before a resume of the first stop comes, which was asked after it.
 TEST_F(Stopping, AResumeEndsNoStopThatItsAskerHasNotSeen) {
   const auto resume = [&](ArmSet arms, std::uint32_t stops) {
