@@ -11,10 +11,22 @@
 #include "core/record/cycle_record.hpp"
 #include "core/types/tick.hpp"
 #include "core/types/time.hpp"
-#include "ros/adapter/ros_options.hpp"
 #include "runtime/run_adapter.hpp"
+#include "scene/scene.hpp"
 
 namespace multipanda::ros {
+
+// ROS options of a run: the scene's section `ros:`, overridden by the command line and the host.
+struct RosOptions : RosSection {
+  std::vector<std::string> arguments;  // for rcl, as after --ros-args: "-r", "joint_states:=arms" ...
+  // False on a node with its own parameter services (ros2_control); then only ParameterTable is used.
+  bool parameter_services = true;
+  // Packages that provide the messages of `compat`.
+  std::string compat_arm_messages = "franka_msgs", compat_mode_messages = "multi_mode_control_msgs";
+  // Parts to create; a run that shares its node leaves some to others. `arms`: requests to the backend
+  // (services, grippers). `motions`: actions executed by the arms' controllets.
+  bool controllets = true, arms = true, motions = true, state = true;
+};
 
 class Context;
 class Node;
@@ -85,5 +97,23 @@ class AdapterPart {
 };
 
 using AdapterParts = std::vector<std::unique_ptr<AdapterPart>>;
+
+// Makes the parts for each arm: services, gripper, motions.
+AdapterParts make_arms(const AdapterContext& run);
+
+// Makes the parts that publish arms and world: joint states, states, models, wrenches, tf, robot_description,
+// /clock, statistics, events and diagnostics; and the services of a simulated run.
+AdapterParts make_state(const AdapterContext& run);
+
+class Inputs;
+
+// Makes the parts that have names and types of another system (`ros: {compat: ...}`), none without that key.
+// `inputs`: the part with the ports of all inputs; nullptr: the run has no controllets here. Throws
+// std::invalid_argument if the messages are missing or do not match.
+AdapterParts make_compat(const AdapterContext& run, const Inputs* inputs);
+
+// Makes the parts that follow from controllet descriptors: inputs, references, outputs, parameters, and the
+// services to list and switch controllets. `inputs`: the part that has the ports of all inputs.
+AdapterParts make_controllets(const AdapterContext& run, const Inputs*& inputs);
 
 }  // namespace multipanda::ros

@@ -18,4 +18,8 @@ std::string interfaces_markdown(const std::vector<EntityInfo>& entities, const s
 // std::invalid_argument if the marker is missing.
 std::string with_tables(const std::string& before, const std::string& tables);
 
+// Builds a run of a scene, without starting it, and returns interfaces_markdown() for it. Uses the ROS domain
+// of this process.
+std::string scene_interface_tables(const std::string& scene);
+
 }  // namespace multipanda::ros

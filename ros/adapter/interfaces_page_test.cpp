@@ -8,8 +8,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "ros/adapter/scene_interfaces.hpp"
-
 namespace multipanda::ros::interfaces_page_test {
 namespace {
 

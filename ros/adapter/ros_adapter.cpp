@@ -8,11 +8,8 @@
 
 #include <fmt/format.h>
 
-#include "ros/adapter/arms/arms.hpp"
-#include "ros/adapter/compat/compat.hpp"
-#include "ros/adapter/controllets/controllets.hpp"
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/record_relay.hpp"
-#include "ros/adapter/state/state.hpp"
 
 namespace multipanda::ros {
 namespace {

@@ -7,7 +7,6 @@
 #include <string>
 
 #include "ros/adapter/interfaces_page.hpp"
-#include "ros/adapter/scene_interfaces.hpp"
 
 int main(int argc, char** argv) try {
   if (argc != 2) throw std::invalid_argument("usage: ros_interfaces_tool PAGE");

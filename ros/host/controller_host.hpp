@@ -8,11 +8,16 @@
 #include <rcl_interfaces/msg/parameter_descriptor.hpp>
 #include <span>
 #include <string>
+#include <utility>
+#include <variant>
 #include <vector>
 
-#include "ros/host/parameters.hpp"
-
+// The same type as in scene/from_parameters.hpp, which would include headers of the core.
 namespace multipanda::ros {
+
+using ParameterValue = std::variant<bool, std::int64_t, double, std::string, std::vector<bool>,
+                                    std::vector<std::int64_t>, std::vector<double>, std::vector<std::string>>;
+using FlatParameters = std::vector<std::pair<std::string, ParameterValue>>;
 
 struct ControllerHostOptions {
   double period_s = 0.001;        // of the host's loop

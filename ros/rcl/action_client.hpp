@@ -9,7 +9,7 @@
 
 #include "ros/rcl/action_server.hpp"
 #include "ros/rcl/client.hpp"
-#include "ros/rcl/subscription.hpp"
+#include "ros/rcl/publisher.hpp"
 
 namespace multipanda::ros {
 

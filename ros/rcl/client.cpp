@@ -4,8 +4,7 @@
 #include <rcl/graph.h>
 #include <thread>
 
-#include "ros/rcl/error.hpp"
-#include "ros/rcl/qos.hpp"
+#include "ros/rcl/context.hpp"
 
 namespace multipanda::ros {
 

@@ -5,16 +5,19 @@
 #include <exception>
 #include <filesystem>
 #include <rcl/domain_id.h>
+#include <rcl/error_handling.h>
 #include <rcl/init.h>
+#include <rmw/qos_profiles.h>
+
 #if __has_include(<rcl/version.h>)
 #include <rcl/version.h>
 #endif
 #include <string_view>
 
 #include "common/own_files.hpp"
-#include "ros/rcl/error.hpp"
 
 namespace multipanda::ros {
+
 namespace {
 
 // Fast DDS 3 (Kilted) and older versions read the profile from different variables.
@@ -101,6 +104,43 @@ Context::Context(std::vector<std::string> arguments) : context_(rcl_get_zero_ini
 Context::~Context() {
   disregard(rcl_shutdown(&context_));
   disregard(rcl_context_fini(&context_));
+}
+
+std::string take_rcl_error() {
+  std::string text = rcl_error_is_set() ? rcl_get_error_string().str : "no further information";
+  rcl_reset_error();
+  return text;
+}
+
+void disregard(rcl_ret_t result) {
+  if (result != RCL_RET_OK) rcl_reset_error();
+}
+
+void check(rcl_ret_t result, const std::string& what) {
+  if (result == RCL_RET_OK) {
+    // some successful calls leave an error behind, which the next call would print
+    rcl_reset_error();
+    return;
+  }
+  throw RclError(what + " failed (" + std::to_string(result) + "): " + take_rcl_error());
+}
+
+rmw_qos_profile_t Qos::profile() const {
+  rmw_qos_profile_t profile = rmw_qos_profile_default;
+  profile.history = RMW_QOS_POLICY_HISTORY_KEEP_LAST;
+  profile.depth = depth;
+  profile.reliability = reliability == Reliability::reliable ? RMW_QOS_POLICY_RELIABILITY_RELIABLE
+                                                             : RMW_QOS_POLICY_RELIABILITY_BEST_EFFORT;
+  profile.durability =
+      transient_local ? RMW_QOS_POLICY_DURABILITY_TRANSIENT_LOCAL : RMW_QOS_POLICY_DURABILITY_VOLATILE;
+  return profile;
+}
+
+std::string Qos::text() const {
+  std::string text = reliability == Reliability::reliable ? "reliable" : "best effort";
+  text += ", newest " + std::to_string(depth);
+  if (transient_local) text += ", kept for late subscribers";
+  return text;
 }
 
 }  // namespace multipanda::ros

@@ -2,6 +2,9 @@
 
 #include <memory>
 #include <rcl/context.h>
+#include <rcl/types.h>
+#include <rmw/types.h>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -43,6 +46,38 @@ class Context {
  private:
   rcl_context_t context_;
   std::size_t domain_ = 0;
+};
+
+// A failed call of rcl: the attempted operation and rcl's own message.
+struct RclError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+// Throws RclError unless `result` is RCL_RET_OK; clears rcl's error state.
+void check(rcl_ret_t result, const std::string& what);
+// For cleanup code that cannot handle a failure: discards the error.
+void disregard(rcl_ret_t result);
+// Returns rcl's message for the newest error of this thread, and clears it.
+std::string take_rcl_error();
+
+// Depth of the queues of services: further requests and responses displace the oldest ones. The ROS default
+// is ten.
+inline constexpr std::size_t kServiceDepth = 200;
+
+// Quality of service of a topic. The newest `depth` messages are kept; older ones are replaced, so that no
+// writer waits for a reader.
+struct Qos {
+  enum class Reliability { best_effort, reliable };
+  Reliability reliability = Reliability::best_effort;
+  std::size_t depth = 5;
+  bool transient_local = false;  // late subscribers get the newest messages
+
+  static Qos sensor(std::size_t depth = 5) { return {Reliability::best_effort, depth, false}; }
+  static Qos reliable(std::size_t depth = 10) { return {Reliability::reliable, depth, false}; }
+  static Qos latched(std::size_t depth = 1) { return {Reliability::reliable, depth, true}; }
+
+  rmw_qos_profile_t profile() const;
+  std::string text() const;  // "reliable, newest 10, kept for late subscribers"
 };
 
 }  // namespace multipanda::ros

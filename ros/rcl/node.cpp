@@ -5,7 +5,7 @@
 #include <rcl/node_options.h>
 #include <rcutils/types/string_array.h>
 
-#include "ros/rcl/error.hpp"
+#include "ros/rcl/context.hpp"
 
 namespace multipanda::ros {
 

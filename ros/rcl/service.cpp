@@ -1,7 +1,6 @@
 #include "ros/rcl/service.hpp"
 
-#include "ros/rcl/error.hpp"
-#include "ros/rcl/qos.hpp"
+#include "ros/rcl/context.hpp"
 
 namespace multipanda::ros {
 

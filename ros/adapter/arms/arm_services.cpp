@@ -1,16 +1,24 @@
 #include "ros/adapter/arms/arm_services.hpp"
 
+#include <chrono>
+#include <future>
+#include <memory>
 #include <multipanda_msgs/srv/recover_from_error.hpp>
 #include <std_srvs/srv/set_bool.hpp>
 #include <std_srvs/srv/trigger.hpp>
 #include <stdexcept>
 
 #include "arm_interface/arm_settings.hpp"
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/arms/arm_requests.hpp"
-#include "ros/adapter/arms/request_arm.hpp"
+#include "ros/adapter/arms/gripper.hpp"
+#include "ros/adapter/arms/motion_actions.hpp"
+#include "ros/rcl/executor.hpp"
 #include "ros/rcl/rcl.hpp"
+#include "runtime/request_text.hpp"
 
 namespace multipanda::ros {
+
 namespace {
 
 namespace srv = multipanda_msgs::srv;  // some of its names are also in the core
@@ -124,6 +132,69 @@ void ArmServices::offer_vacuum() {
   offer<std_srvs::srv::Trigger, GripperRequest>(
       "vacuum/stop", "", "Switches the pump off: a held object falls sooner or later.",
       [](const auto&) { return VacuumStop{}; }, kArmTimeout, run_.stops);
+}
+
+namespace {
+
+template <typename Request>
+void send(const AdapterContext& run, ArmIndex arm, Request request, double timeout_s,
+          std::function<void(const RequestAnswer&)> answered) {
+  const bool ends = ends_motion(request);
+  if (!ends) {
+    if (const std::string why = run.executor->late(kRequestPatience); !why.empty())
+      return answered({.success = false, .reason = why});
+  }
+  std::shared_ptr<std::future<RequestAnswer>> future;
+  try {
+    auto answer = [&] {
+      if constexpr (std::is_same_v<Request, ArmRequest>)
+        return multipanda::request_arm(*run.modes, *run.backend, arm, std::move(request));
+      else
+        return run.backend->request(arm, std::move(request));
+    };
+    future = std::make_shared<std::future<RequestAnswer>>(answer());
+  } catch (const std::exception& error) {
+    return answered({.success = false, .reason = error.what()});
+  }
+  const HostTime end = host_now() + std::chrono::nanoseconds(LoopTime::from_seconds(timeout_s).ns);
+  (ends ? run.stops : run.executor)->poll_until([=, answered = std::move(answered)] {
+    if (future->wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
+      RequestAnswer answer;
+      try {
+        answer = future->get();
+      } catch (const std::exception&) {  // a broken promise
+        answer.reason = "the backend did not answer";
+      }
+      answered(answer);
+      return true;
+    }
+    if (host_now() < end) return false;
+    answered({.success = false, .reason = kRequestUnfinished});
+    return true;
+  });
+}
+
+}  // namespace
+
+void request_arm(const AdapterContext& run, ArmIndex arm, ArmRequest request, double timeout_s,
+                 std::function<void(const RequestAnswer&)> answered) {
+  send(run, arm, std::move(request), timeout_s, std::move(answered));
+}
+
+void request_arm(const AdapterContext& run, ArmIndex arm, GripperRequest request, double timeout_s,
+                 std::function<void(const RequestAnswer&)> answered) {
+  send(run, arm, std::move(request), timeout_s, std::move(answered));
+}
+
+AdapterParts make_arms(const AdapterContext& run) {
+  AdapterParts parts;
+  for (ArmIndex arm = 0; arm < run.modes->arm_count(); ++arm) {
+    if (run.options->motions) parts.push_back(std::make_unique<MotionActions>(run, arm));
+    if (!run.options->arms) continue;
+    parts.push_back(std::make_unique<ArmServices>(run, arm));
+    if (run.backend->capabilities(arm).has_gripper) parts.push_back(std::make_unique<Gripper>(run, arm));
+  }
+  return parts;
 }
 
 }  // namespace multipanda::ros

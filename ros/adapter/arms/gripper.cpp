@@ -7,7 +7,7 @@
 #include <fmt/format.h>
 
 #include "ros/adapter/arms/arm_requests.hpp"
-#include "ros/adapter/arms/request_arm.hpp"
+#include "ros/adapter/arms/arm_services.hpp"
 #include "ros/adapter/state/messages.hpp"
 
 namespace multipanda::ros {

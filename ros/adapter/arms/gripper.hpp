@@ -12,7 +12,7 @@
 #include <string>
 
 #include "ros/adapter/adapter_part.hpp"
-#include "ros/adapter/state/topic.hpp"
+#include "ros/adapter/topic.hpp"
 #include "ros/rcl/rcl.hpp"
 
 namespace multipanda::ros {

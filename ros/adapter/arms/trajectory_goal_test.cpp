@@ -1,5 +1,3 @@
-#include "ros/adapter/arms/trajectory_goal.hpp"
-
 #include <cmath>
 #include <limits>
 
@@ -8,6 +6,7 @@
 
 #include "ros/adapter/arms/arm_requests.hpp"
 #include "ros/adapter/arms/gripper.hpp"
+#include "ros/adapter/arms/motion_actions.hpp"
 #include "ros/adapter/names.hpp"
 
 namespace multipanda::ros::trajectory_goal_test {

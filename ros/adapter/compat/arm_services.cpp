@@ -4,14 +4,17 @@
 #include <optional>
 #include <stdexcept>
 
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/arms/arm_requests.hpp"
 #include "ros/adapter/arms/arm_services.hpp"
-#include "ros/adapter/arms/request_arm.hpp"
+#include "ros/adapter/compat/goals.hpp"
+#include "ros/adapter/compat/mode_services.hpp"
 #include "ros/adapter/compat/numbers.hpp"
 #include "ros/adapter/compat/state_fields.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::ros {
+
 namespace {
 
 namespace srv = multipanda_msgs::srv;
@@ -131,6 +134,22 @@ CompatArmServices::CompatArmServices(const AdapterContext& run, const CompatPack
   };
   offer(server + "set_force_torque_collision_behavior", "SetForceTorqueCollisionBehavior", thresholds(false));
   offer(server + "set_full_collision_behavior", "SetFullCollisionBehavior", thresholds(true));
+}
+
+AdapterParts make_compat(const AdapterContext& run, const Inputs* inputs) {
+  AdapterParts parts;
+  const RosOptions& options = *run.options;
+  if (options.compat == RosSection::Compat::none) return parts;
+  const CompatPackages packages{options.compat, options.compat_arm_messages, options.compat_mode_messages};
+  if (options.state) parts.push_back(std::make_unique<CompatState>(run, packages));
+  for (ArmIndex arm = 0; options.arms && arm < run.modes->arm_count(); ++arm)
+    parts.push_back(std::make_unique<CompatArmServices>(run, packages, arm));
+  if (options.compat == RosSection::Compat::multipanda_ros2 && inputs != nullptr) {
+    const auto names = std::make_shared<AskedNames>(*run.modes);
+    parts.push_back(std::make_unique<CompatModes>(run, packages, names));
+    parts.push_back(std::make_unique<CompatGoals>(run, packages, *inputs, names));
+  }
+  return parts;
 }
 
 }  // namespace multipanda::ros

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "ros/adapter/compat/packages.hpp"
+#include "ros/adapter/compat/controllet_names.hpp"
 #include "ros/adapter/compat/untyped.hpp"
 
 namespace multipanda::ros {

@@ -1,6 +1,4 @@
 // A run with names and types of multipanda_ros2, driven by clients that know only these. Bases are turned.
-#include "ros/adapter/compat/compat.hpp"
-
 #include <compat_test_msgs/msg/cartesian_impedance_goal.hpp>
 #include <compat_test_msgs/msg/joint_goal.hpp>
 #include <compat_test_msgs/msg/velocity_goal.hpp>
@@ -17,7 +15,8 @@
 #include <sensor_msgs/msg/joint_state.hpp>
 #include <unistd.h>
 
-#include "ros/adapter/compat/packages.hpp"
+#include "ros/adapter/adapter_part.hpp"
+#include "ros/adapter/compat/controllet_names.hpp"
 #include "ros/adapter/compat/state_fields.hpp"
 #include "ros/adapter/compat/testing/compat_fixture.hpp"
 #include "ros/adapter/compat/untyped.hpp"

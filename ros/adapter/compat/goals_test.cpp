@@ -1,4 +1,6 @@
 // What is computed for goals and parameters of multipanda_ros2, without ROS.
+#include "ros/adapter/compat/goals.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <random>
@@ -11,8 +13,6 @@
 #include "ros/adapter/compat/controllet_names.hpp"
 #include "ros/adapter/compat/measured_arms.hpp"
 #include "ros/adapter/compat/mode_services.hpp"
-#include "ros/adapter/compat/packages.hpp"
-#include "ros/adapter/compat/velocity_goal.hpp"
 #include "ros/adapter/state/testing/state_fixture.hpp"
 
 namespace multipanda::ros::goals_test {

@@ -12,7 +12,7 @@
 #include "common/spelling.hpp"
 #include "core/modes/request.hpp"
 #include "ros/adapter/compat/numbers.hpp"
-#include "ros/adapter/controllets/loop_requests.hpp"
+#include "ros/adapter/controllets/parameter_services.hpp"
 #include "runtime/request_text.hpp"
 
 namespace multipanda::ros {

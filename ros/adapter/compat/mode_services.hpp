@@ -6,9 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "ros/adapter/compat/asked_names.hpp"
 #include "ros/adapter/compat/controllet_names.hpp"
-#include "ros/adapter/compat/packages.hpp"
 #include "ros/adapter/compat/untyped.hpp"
 #include "ros/adapter/controllets/parameter_table.hpp"
 

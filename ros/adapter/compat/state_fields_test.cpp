@@ -15,7 +15,6 @@
 
 #include "arm_interface/arm_error.hpp"
 #include "ros/adapter/compat/arm_services.hpp"
-#include "ros/adapter/compat/state_topics.hpp"
 #include "ros/adapter/state/testing/state_fixture.hpp"
 
 namespace multipanda::ros::state_fields_test {

@@ -1,9 +1,8 @@
-#include "ros/adapter/compat/state_topics.hpp"
-
 #include <map>
 
 #include "common/spelling.hpp"
-#include "ros/adapter/state/topic.hpp"
+#include "ros/adapter/compat/state_fields.hpp"
+#include "ros/adapter/topic.hpp"
 
 namespace multipanda::ros {
 namespace {

@@ -11,9 +11,9 @@
 #include "core/testing/wrong_goals.hpp"
 #include "ros/adapter/controllets/input_port.hpp"
 #include "ros/adapter/controllets/inputs.hpp"
-#include "ros/adapter/controllets/mode_messages.hpp"
+#include "ros/adapter/controllets/mode_services.hpp"
 #include "ros/adapter/controllets/parameter_table.hpp"
-#include "ros/adapter/rate_divider.hpp"
+#include "ros/adapter/topic.hpp"
 #include "ros/rcl/executor.hpp"
 
 namespace multipanda::ros::controllets_test {

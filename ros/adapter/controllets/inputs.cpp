@@ -7,8 +7,12 @@
 #include <fmt/format.h>
 
 #include "common/spelling.hpp"
+#include "ros/adapter/adapter_part.hpp"
+#include "ros/adapter/controllets/mode_services.hpp"
+#include "ros/adapter/controllets/parameter_services.hpp"
 
 namespace multipanda::ros {
+
 namespace {
 
 // Only the newest message of a stream matters; goals must not be lost.
@@ -232,6 +236,18 @@ std::vector<Diagnostic> Inputs::diagnostics() const {
   std::vector<Diagnostic> lines;
   for (const auto& port : ports_) lines.push_back(port->diagnostic());
   return lines;
+}
+
+AdapterParts make_controllets(const AdapterContext& run, const Inputs*& inputs) {
+  const auto codecs = codecs_of(run.scene->plugins);
+  AdapterParts parts;
+  parts.push_back(std::make_unique<ModeServices>(run, codecs));
+  auto made = std::make_unique<Inputs>(run, codecs);
+  inputs = made.get();
+  parts.push_back(std::move(made));
+  parts.push_back(std::make_unique<ValueTopics>(run, codecs));
+  if (run.options->parameter_services) parts.push_back(std::make_unique<ParameterServices>(run));
+  return parts;
 }
 
 }  // namespace multipanda::ros

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <rcl_interfaces/msg/parameter_event.hpp>
 #include <rcl_interfaces/srv/describe_parameters.hpp>
@@ -10,6 +11,7 @@
 #include <rcl_interfaces/srv/set_parameters_atomically.hpp>
 #include <vector>
 
+#include "core/modes/request.hpp"
 #include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/controllets/parameter_table.hpp"
 #include "ros/rcl/rcl.hpp"
@@ -43,5 +45,19 @@ class ParameterServices : public AdapterPart {
   Service<rcl_interfaces::srv::SetParameters> set_;
   Service<rcl_interfaces::srv::SetParametersAtomically> set_atomically_;
 };
+
+// The loop's answer to a batch of requests.
+struct LoopAnswer {
+  Answer answer;                  // to the last request; after a timeout without times
+  std::vector<Verdict> verdicts;  // one per request
+  // Index of the first refused request; the number of requests if there is none.
+  std::size_t first_refused() const;
+};
+
+// Posts the requests for one cycle and calls `done` on the executor's thread: at once if a request is invalid
+// (all get the verdict of the first invalid one), otherwise when the loop has answered, or after 1 s without
+// an answer: they are then withdrawn and will not be executed. Executor's thread; never waits.
+void request_loop(const AdapterContext& run, const std::vector<Request>& requests,
+                  std::function<void(const LoopAnswer&)> done);
 
 }  // namespace multipanda::ros

@@ -1,4 +1,3 @@
-#include "ros/adapter/controllets/value_topics.hpp"
 
 #include <algorithm>
 #include <cmath>

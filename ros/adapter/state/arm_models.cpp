@@ -1,6 +1,7 @@
 #include "ros/adapter/state/arm_models.hpp"
 
 #include "logs/event_text.hpp"
+#include "models/write_robot.hpp"
 #include "ros/adapter/names.hpp"
 #include "scene/build.hpp"
 
@@ -46,6 +47,19 @@ ModelTerms& ArmModels::terms(std::size_t arm) {
     current_[arm] = true;
   }
   return terms_[arm];
+}
+
+std::string scene_urdf(const Scene& scene) {
+  std::vector<PlacedRobot> arms;
+  for (const auto& arm : scene.arms) {
+    PlacedRobot placed{.robot = robot_of(arm), .X_WB = arm.X_WB};
+    placed.options = {.hand = arm.hand,
+                      .fingers = true,
+                      .prefix = arm.name + "_",
+                      .flange = "link" + std::to_string(placed.robot.joint_count() + 1)};
+    arms.push_back(std::move(placed));
+  }
+  return to_urdf(scene.name, arms);
 }
 
 }  // namespace multipanda::ros

@@ -7,6 +7,7 @@
 #include "core/model/model_terms.hpp"
 #include "models/robot_description.hpp"
 #include "ros/adapter/adapter_part.hpp"
+#include "scene/scene.hpp"
 
 namespace multipanda::ros {
 
@@ -39,5 +40,10 @@ class ArmModels {
   std::vector<bool> current_;  // whether terms_ belong to record_
   const CycleRecord* record_ = nullptr;
 };
+
+// Returns a URDF of all arms of a scene on the link `world`, with visual shapes. Names of links and joints
+// begin with the arm's name. Includes the flange `<arm>_link8` (for seven joints) and hands with sliding
+// fingers, but no objects.
+std::string scene_urdf(const Scene& scene);
 
 }  // namespace multipanda::ros

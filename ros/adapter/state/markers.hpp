@@ -7,8 +7,8 @@
 #include <visualization_msgs/msg/marker_array.hpp>
 
 #include "core/rt/triple_buffer.hpp"
-#include "ros/adapter/rate_divider.hpp"
 #include "ros/adapter/state/arm_models.hpp"
+#include "ros/adapter/topic.hpp"
 #include "ros/rcl/publisher.hpp"
 
 namespace multipanda::ros {

@@ -11,7 +11,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "ros/adapter/state/state.hpp"
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/state/testing/state_fixture.hpp"
 
 namespace multipanda::ros::markers_test {

@@ -1,7 +1,5 @@
 // What the adapter publishes about arms and world: content compared with independent computations, rates, and
 // the relay of records.
-#include "ros/adapter/state/state.hpp"
-
 #include <atomic>
 #include <cmath>
 #include <latch>
@@ -16,14 +14,14 @@
 #include "core/testing/drawn_sample.hpp"
 #include "logs/arm_state_fields.hpp"
 #include "models/testing/two_engines.hpp"
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/record_relay.hpp"
 #include "ros/adapter/state/arm_messages.hpp"
+#include "ros/adapter/state/arm_models.hpp"
 #include "ros/adapter/state/arm_topics.hpp"
 #include "ros/adapter/state/loop_topics.hpp"
-#include "ros/adapter/state/scene_description.hpp"
 #include "ros/adapter/state/simulation_services.hpp"
 #include "ros/adapter/state/testing/state_fixture.hpp"
-#include "ros/adapter/state/world_topics.hpp"
 
 namespace multipanda::ros::state_test {
 namespace {
