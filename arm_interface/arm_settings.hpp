@@ -6,6 +6,7 @@
 
 #include "core/cycle/backend.hpp"
 #include "core/model/arm_model.hpp"
+#include "core/state/arm_state.hpp"
 
 namespace multipanda {
 
@@ -38,5 +39,13 @@ std::string check_pose(const Pose& X, const char* name);
 // Why a request to an arm of that model is invalid, or an empty string. A payload may not exceed its largest
 // load: the arm would push upwards with the weight of a missing load.
 std::string check_request(const ArmRequest& request, const ArmModel& model);
+
+// The manufacturer's hand as declared by its arms ("end effector" in their settings, m_ee F_x_Cee I_ee of
+// their states): rounded figures, which differ from those of its parts. In the flange frame.
+Load manufacturers_hand_as_declared();
+
+// The hand's declared body for a model (in the flange): the figures above for the manufacturer's hand,
+// otherwise the model's own.
+Load declared_hand(const Load& hand);
 
 }  // namespace multipanda

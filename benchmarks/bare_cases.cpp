@@ -1,10 +1,9 @@
-#include "benchmarks/bare_cases.hpp"
-
 #include <stdexcept>
 
 #include <fmt/format.h>
 
 #include "benchmarks/bare/bare_libraries.hpp"
+#include "benchmarks/cases.hpp"
 
 namespace multipanda::bench {
 namespace {

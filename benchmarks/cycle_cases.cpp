@@ -1,6 +1,6 @@
-#include "benchmarks/cycle_cases.hpp"
-
 #include <fmt/format.h>
+
+#include "benchmarks/cases.hpp"
 
 namespace multipanda::bench {
 namespace {

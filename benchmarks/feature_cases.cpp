@@ -1,11 +1,10 @@
-#include "benchmarks/feature_cases.hpp"
-
 #include <cmath>
 #include <numbers>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
+#include "benchmarks/cases.hpp"
 #include "benchmarks/loops.hpp"
 #include "core/rt/guard/loop_guard.hpp"
 #include "models/arm_source.hpp"

@@ -1,8 +1,7 @@
-#include "benchmarks/figures.hpp"
-
 #include <algorithm>
 #include <stdexcept>
 
+#include "benchmarks/cases.hpp"
 #include "core/types/statistics.hpp"
 #include "core/types/time.hpp"
 

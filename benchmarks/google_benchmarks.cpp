@@ -1,8 +1,7 @@
 #include <benchmark/benchmark.h>
 #include <fmt/format.h>
 
-#include "benchmarks/bare_cases.hpp"
-#include "benchmarks/cycle_cases.hpp"
+#include "benchmarks/cases.hpp"
 #include "benchmarks/results.hpp"
 
 namespace multipanda::bench {

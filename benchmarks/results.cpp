@@ -6,11 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "benchmarks/bare_cases.hpp"
-#include "benchmarks/cycle_cases.hpp"
-#include "benchmarks/feature_cases.hpp"
-#include "benchmarks/ros_service.hpp"
-#include "benchmarks/switching.hpp"
+#include "benchmarks/cases.hpp"
 #include "common/machine.hpp"
 
 namespace multipanda::bench {

@@ -5,7 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "benchmarks/figures.hpp"
+#include "benchmarks/cases.hpp"
 
 namespace multipanda::bench {
 

@@ -1,5 +1,3 @@
-#include "benchmarks/ros_service.hpp"
-
 #include <array>
 #include <cstdio>
 #include <cstdlib>
@@ -10,7 +8,8 @@
 
 #include <fmt/format.h>
 
-#include "runtime/ros_module.hpp"
+#include "benchmarks/cases.hpp"
+#include "runtime/run_adapter.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
 

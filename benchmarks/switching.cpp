@@ -1,10 +1,10 @@
-#include "benchmarks/switching.hpp"
-
 #include <random>
 #include <stdexcept>
 #include <thread>
 
 #include <fmt/format.h>
+
+#include "benchmarks/cases.hpp"
 
 namespace multipanda::bench {
 namespace {

@@ -5,10 +5,9 @@
 #include <fmt/format.h>
 
 #include "common/own_files.hpp"
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "core/rt/thread_setup.hpp"
 #include "motion_generators/set_point_channel.hpp"
-#include "motion_generators/topic_channel.hpp"
 
 namespace multipanda::cli {
 

@@ -6,9 +6,9 @@
 
 #include "cli/cockpit_arguments.hpp"
 #include "cli/cockpit_link.hpp"
-#include "cli/input_end.hpp"
 #include "cli/program.hpp"
 #include "cli/report.hpp"
+#include "cli/run_session.hpp"
 #include "common/signals.hpp"
 
 // `multipanda cockpit` shows recorded logs like a run with `run --cockpit` (docs/cockpit.md).

@@ -11,7 +11,7 @@
 #include <CLI/CLI.hpp>
 
 #include "cli/console.hpp"
-#include "runtime/session_viewer.hpp"
+#include "runtime/session.hpp"
 
 namespace multipanda::cli {
 

@@ -9,7 +9,7 @@
 
 #include "backends/mujoco/plant.hpp"
 #include "fci/server/virtual_arms.hpp"
-#include "runtime/session_viewer.hpp"
+#include "runtime/session.hpp"
 
 namespace multipanda::cli {
 

@@ -1,3 +1,5 @@
+#include "sysid/comparison/compare.hpp"
+
 #include <algorithm>
 #include <set>
 
@@ -7,7 +9,6 @@
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "logs/recorder.hpp"
-#include "sysid/comparison/comparison_page.hpp"
 
 namespace multipanda::cli {
 namespace {

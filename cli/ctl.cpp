@@ -13,7 +13,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/program.hpp"
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "runtime/live_input/client.hpp"
 #include "runtime/live_input/json_fields.hpp"
 #include "runtime/live_input/socket_path.hpp"

@@ -5,7 +5,7 @@
 
 #include "cli/console.hpp"
 #include "cli/program.hpp"
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "doctor/examination.hpp"
 #include "scene/load.hpp"
 

@@ -11,7 +11,7 @@
 #include "common/machine.hpp"
 #include "common/person.hpp"
 #include "common/signals.hpp"
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "experiments/kinds.hpp"
 #include "logs/recorder.hpp"
 #include "scene/load.hpp"

@@ -8,7 +8,7 @@
 #include "cli/channel_arguments.hpp"
 #include "cli/console.hpp"
 #include "common/signals.hpp"
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "motion_generators/publish.hpp"
 
 // `multipanda generate` runs motion generators in separate processes (docs/motion_generator.md).

@@ -5,7 +5,6 @@
 #include <fmt/ranges.h>
 
 #include "cli/program.hpp"
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "models/robot_description.hpp"
 #include "scene/build.hpp"

@@ -9,7 +9,7 @@
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
 #include "cli/run_session.hpp"
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "runtime/motion/joint_move.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"

@@ -1,3 +1,5 @@
+#include "sysid/identification/predict.hpp"
+
 #include <fstream>
 
 #include <fmt/format.h>
@@ -7,8 +9,6 @@
 #include "cli/program.hpp"
 #include "core/types/statistics.hpp"
 #include "sysid/identification/identification_json.hpp"
-#include "sysid/identification/misfit.hpp"
-#include "sysid/identification/touches.hpp"
 
 // `multipanda predict` compares the torque that models predict for the motion of a log with the measured one;
 // `multipanda observe` shows what of the measured one comes from outside.

@@ -10,7 +10,7 @@
 
 #include <fmt/format.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 
 namespace multipanda::cli {
 namespace {

@@ -4,17 +4,15 @@
 
 #include "cli/backend_arguments.hpp"
 #include "cli/cockpit_arguments.hpp"
-#include "cli/input_end.hpp"
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
 #include "report/page_script.hpp"
 #include "runtime/live_input/socket_path.hpp"
-#include "runtime/ros_module.hpp"
+#include "runtime/run_adapter.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
-#include "scene/set_values.hpp"
 
 namespace multipanda::cli {
 namespace {

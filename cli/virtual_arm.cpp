@@ -14,7 +14,7 @@
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "common/signals.hpp"
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "fci/server/virtual_arms.hpp"
 #include "scene/build.hpp"
 #include "scene/hidden_plant.hpp"

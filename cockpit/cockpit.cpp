@@ -1,6 +1,6 @@
 #include "cockpit/cockpit.hpp"
 
-#include "cockpit/log/log_source.hpp"
+#include "cockpit/log/log_table.hpp"
 #include "cockpit/run/run_source.hpp"
 #include "common/own_files.hpp"
 

@@ -16,7 +16,7 @@
 #include "doctor/network.hpp"
 #include "fci/client/arm_connection.hpp"
 #include "fci/client/arm_packet.hpp"
-#include "fci/client/from_scene.hpp"
+#include "fci/client/fci_backend.hpp"
 #include "fci/client/model_check.hpp"
 #include "fci/wire/error_flags.hpp"
 #include "models/robot_description.hpp"

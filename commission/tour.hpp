@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "commission/arms_run.hpp"
-#include "commission/findings.hpp"
+#include "commission/measures.hpp"
 #include "common/person.hpp"
 #include "core/modes/registry.hpp"
 #include "scene/scene.hpp"

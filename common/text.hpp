@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -26,5 +27,36 @@ std::string bounds_text(double min, double max, bool open_below = false);
 // The number in a string, finite or not: a decimal, or a multiple of pi as "pi", "-pi/2", "3*pi/4".
 // False if there is none.
 bool read_number(const std::string& text, double& value);
+
+// Hints for mistyped names and for keys with other units, for messages.
+
+// Number of insertions, deletions, replacements and swaps of neighbors between a and b.
+std::size_t edit_distance(std::string_view a, std::string_view b);
+
+// The candidate nearest to `name`, or "" if none is near enough.
+std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates);
+
+// "; did you mean 'x'?" or "; valid: a, b, c"; without candidates `none` ("; there are none").
+std::string name_hint(std::string_view name, const std::vector<std::string>& candidates, const char* none);
+
+// "'pose0' has no input 'poze'; did you mean 'pose'?"
+std::string has_no(const std::string& owner, const char* kind, const std::string& name,
+                   const std::vector<std::string>& candidates);
+
+// The names of objects with a member `name`.
+std::vector<std::string> names_in(const auto& items) {
+  std::vector<std::string> names;
+  for (const auto& item : items) names.push_back(item.name);
+  return names;
+}
+
+// A key split into quantity and unit: "position_m" is {"position", "m"}.
+struct UnitKey {
+  std::string_view quantity, unit;  // unit is empty if none is recognized
+};
+UnitKey split_unit(std::string_view key);
+
+// Valid keys for the same quantity as `key` with another unit, such as "position_m" for "position_mm".
+std::vector<std::string> same_quantity(std::string_view key, const std::vector<std::string>& candidates);
 
 }  // namespace multipanda

@@ -10,7 +10,6 @@
 #include "doctor/arm_stream.hpp"
 #include "doctor/computer.hpp"
 #include "doctor/finding.hpp"
-#include "doctor/load.hpp"
 #include "doctor/network.hpp"
 #include "doctor/timing.hpp"
 

@@ -1,5 +1,3 @@
-#include "doctor/load.hpp"
-
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -12,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "core/types/time.hpp"
+#include "doctor/computer.hpp"
 
 namespace multipanda::doctor {
 namespace {

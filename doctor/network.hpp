@@ -3,7 +3,6 @@
 #include <optional>
 
 #include "doctor/finding.hpp"
-#include "doctor/system_files.hpp"
 
 namespace multipanda::doctor {
 

@@ -12,7 +12,6 @@
 #include "doctor/computer.hpp"
 #include "doctor/examination.hpp"
 #include "doctor/finding.hpp"
-#include "doctor/load.hpp"
 #include "doctor/network.hpp"
 #include "doctor/timing.hpp"
 

@@ -8,7 +8,7 @@
 
 #include "common/person.hpp"
 #include "experiments/experiment.hpp"
-#include "runtime/session_viewer.hpp"
+#include "runtime/session.hpp"
 
 // Kinds of experiments and their runners. Each kind has a page of the same name in experiments/pages.
 namespace multipanda {

@@ -4,7 +4,6 @@
 #include <set>
 
 #include "common/own_files.hpp"
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "experiments/experiment.hpp"
 #include "experiments/kinds.hpp"

@@ -13,7 +13,6 @@
 #include <gtest/gtest.h>
 
 #include "experiments/arm_steps.hpp"
-#include "experiments/beside_log.hpp"
 #include "experiments/motion_extent.hpp"
 #include "experiments/task_runs.hpp"
 #include "scene/build.hpp"

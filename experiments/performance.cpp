@@ -8,9 +8,8 @@
 #include <fmt/format.h>
 
 #include "common/machine.hpp"
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "experiments/arm_steps.hpp"
-#include "experiments/beside_log.hpp"
 #include "experiments/on_arms.hpp"
 #include "experiments/performance_runs.hpp"
 #include "experiments/processes.hpp"

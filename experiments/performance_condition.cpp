@@ -21,7 +21,7 @@
 #include "logs/npz.hpp"
 #include "runtime/command_trace.hpp"
 #include "runtime/live_input/socket_path.hpp"
-#include "runtime/ros_module.hpp"
+#include "runtime/run_adapter.hpp"
 
 namespace multipanda {
 namespace {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <filesystem>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "experiments/task_runs.hpp"
 #include "scene/build.hpp"

@@ -12,7 +12,6 @@
 
 #include "common/machine.hpp"
 #include "experiments/arm_steps.hpp"
-#include "experiments/beside_log.hpp"
 #include "experiments/kinds.hpp"
 #include "experiments/motion_extent.hpp"
 #include "experiments/on_arms.hpp"

@@ -7,7 +7,7 @@
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "experiments/on_arms.hpp"
 #include "scene/build.hpp"
 #include "scene/rewrite.hpp"

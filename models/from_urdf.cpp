@@ -7,7 +7,6 @@
 #include <stdexcept>
 
 #include "common/own_files.hpp"
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "models/load_parts.hpp"
 #include "models/robot_description.hpp"

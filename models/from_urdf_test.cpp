@@ -19,7 +19,6 @@
 #include "models/capsule_fit.hpp"
 #include "models/testing/hull_faces.hpp"
 #include "models/testing/odd_robot.hpp"
-#include "models/urdf_collision.hpp"
 #include "models/urdf_tree.hpp"
 #include "models/write_robot.hpp"
 #include "yaml_reader/node.hpp"

@@ -4,7 +4,7 @@
 #include <fstream>
 #include <iterator>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 
 // Sections of a model file that describe an individual arm, from identification (docs/models.md).
 namespace multipanda {

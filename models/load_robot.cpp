@@ -3,12 +3,10 @@
 #include <iterator>
 #include <stdexcept>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "models/from_urdf.hpp"
 #include "models/load_parts.hpp"
 #include "models/robot_description.hpp"
-#include "models/urdf_collision.hpp"
 
 // From YAML to RobotDescription. A file may name a `base`: it then has all sections of the base, except those
 // that it replaces as a whole.

@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "core/types/joint_range.hpp"
 #include "core/types/joints.hpp"
-#include "core/types/position_based_velocity.hpp"
 #include "core/types/spatial.hpp"
 
 namespace multipanda {

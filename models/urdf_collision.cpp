@@ -1,5 +1,3 @@
-#include "models/urdf_collision.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -15,6 +13,7 @@
 
 #include "core/geometry/distance.hpp"
 #include "models/capsule_fit.hpp"
+#include "models/from_urdf.hpp"
 #include "models/urdf_tree.hpp"
 
 namespace multipanda {

@@ -9,7 +9,7 @@
 #include <boost/property_tree/ptree.hpp>
 #include <boost/property_tree/xml_parser.hpp>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "models/robot_description.hpp"
 
 namespace multipanda {

@@ -5,7 +5,7 @@
 #include <stdexcept>
 #include <thread>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 
 namespace multipanda {
 namespace {

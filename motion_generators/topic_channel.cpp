@@ -1,6 +1,5 @@
-#include "motion_generators/topic_channel.hpp"
-
-#include "runtime/ros_module.hpp"
+#include "motion_generators/set_point_channel.hpp"
+#include "runtime/run_adapter.hpp"
 
 namespace multipanda {
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <stdexcept>
 
 #include "arm_interface/arm_error.hpp"
 #include "runtime/live_input/backend_requests.hpp"
@@ -12,6 +13,7 @@
 #include "scene/hidden_plant.hpp"
 
 namespace multipanda {
+
 namespace {
 
 // The caller steps this loop: by the computer's clock a request may be taken much later.
@@ -308,6 +310,87 @@ void ControlledWorld::restore(const SavedWorld& saved) {
         "kind of "
         "processor; save it here");
   refusal_ = saved.refusal;
+}
+
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr const char* kFormat = "multipanda world 2";
+
+}  // namespace
+
+std::vector<std::uint8_t> SavedWorld::pack() const {
+  Json told = Json::array();
+  for (const auto& one : commands) told.push_back({one.cycle, one.request});
+  const Json all{{"format", kFormat},
+                 {"scene", scene},
+                 {"seed", start.seed},
+                 {"hidden", start.hidden},
+                 {"q_start", start.q_start},
+                 {"objects", start.objects},
+                 {"active", start.active ? Json(*start.active) : Json()},
+                 {"commands", told},
+                 {"cycles", cycles},
+                 {"state", state},
+                 {"refusal", refusal}};
+  return Json::to_cbor(all);
+}
+
+SavedWorld SavedWorld::unpack(const std::uint8_t* bytes, std::size_t size) {
+  try {
+    const Json all = Json::from_cbor(bytes, bytes + size);
+    if (all.at("format") != kFormat) throw std::invalid_argument(all.at("format").get<std::string>());
+    SavedWorld saved;
+    all.at("scene").get_to(saved.scene);
+    all.at("seed").get_to(saved.start.seed);
+    all.at("hidden").get_to(saved.start.hidden);
+    all.at("q_start").get_to(saved.start.q_start);
+    all.at("objects").get_to(saved.start.objects);
+    if (const Json& active = all.at("active"); !active.is_null())
+      saved.start.active = active.get<std::vector<std::string>>();
+    for (const auto& one : all.at("commands")) saved.commands.push_back({one.at(0), one.at(1)});
+    all.at("cycles").get_to(saved.cycles);
+    all.at("state").get_to(saved.state);
+    all.at("refusal").get_to(saved.refusal);
+    return saved;
+  } catch (const std::exception& error) {
+    throw std::invalid_argument(std::string("expected what save() returned (") + kFormat +
+                                "), found other bytes: " + error.what());
+  }
+}
+
+StateRow::StateRow(const Scene& scene) {
+  for (const auto& arm : scene.arms) {
+    const auto joints = static_cast<std::size_t>(arm.q_start.size());
+    FieldList list(8 * size_);
+    visit_sample(list, ArmSample{}, joints);
+    list.add("X_WE", 'f', kPose);
+    list.add("gripper", 'f', 3);
+    list.add("held", 'f', 1);
+    arms_.push_back({.name = arm.name, .joints = joints, .first = size_, .fields = std::move(list.fields())});
+    size_ = list.offset() / 8;
+  }
+  for (const auto& object : scene.objects) {
+    if (object.fixed) continue;
+    objects_.push_back({.name = object.name, .first = size_});
+    size_ += kPose;
+  }
+}
+
+void StateRow::write_arm(std::size_t arm, const ArmSample& sample, const Pose& X_WE, bool held,
+                         double* row) const {
+  NumberWriter to(row + arms_[arm].first);
+  visit_sample(to, sample, arms_[arm].joints);
+  to.many("X_WE", std::span<const double>(X_WE.values()), true);
+  const std::array<double, 3> gripper{sample.gripper_width, sample.gripper_grasped ? 1.0 : 0.0,
+                                      sample.gripper_moving ? 1.0 : 0.0};
+  to.many("gripper", std::span<const double>(gripper), true);
+  to.one("held", held, true);
+}
+
+void StateRow::write_object(std::size_t object, const Pose& X_WO, double* row) const {
+  std::ranges::copy(X_WO.values(), row + objects_[object].first);
 }
 
 }  // namespace multipanda

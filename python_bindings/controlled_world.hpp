@@ -1,20 +1,90 @@
 #pragma once
 
+#include <cstddef>
+#include <cstdint>
 #include <future>
 #include <map>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
+#include <nlohmann/json.hpp>
+
 #include "backends/mujoco/mujoco_backend.hpp"
 #include "core/cycle/control_cycle.hpp"
-#include "python_bindings/saved_world.hpp"
-#include "python_bindings/state_row.hpp"
+#include "core/model/model_terms.hpp"
+#include "core/record/record_fields.hpp"
 #include "runtime/live_input/request_handler.hpp"
 #include "scene/scene.hpp"
 
+// The state of a world as one row of numbers, which Python sees as arrays.
 namespace multipanda {
+
+// Where the numbers of each arm and of each free object lie. An arm has the quantities of
+// core/record/arm_sample.hpp by name, then X_WE, `gripper` (width, grasped, moving) and `held`; an object has
+// X_WO. Poses are x y z, qw qx qy qz.
+class StateRow {
+ public:
+  static constexpr std::size_t kPose = 7;
+
+  struct Arm {
+    std::string name;
+    std::size_t joints = 0, first = 0;
+    std::vector<RecordField> fields;  // offsets in bytes of the row
+  };
+  struct Object {
+    std::string name;
+    std::size_t first = 0;
+  };
+
+  explicit StateRow(const Scene& scene);
+
+  std::size_t size() const { return size_; }
+  const std::vector<Arm>& arms() const { return arms_; }
+  const std::vector<Object>& objects() const { return objects_; }
+
+  void write_arm(std::size_t arm, const ArmSample& sample, const Pose& X_WE, bool held, double* row) const;
+  void write_object(std::size_t object, const Pose& X_WO, double* row) const;
+
+ private:
+  std::vector<Arm> arms_;
+  std::vector<Object> objects_;
+  std::size_t size_ = 0;
+};
+
+// Everything that determines a world: its beginning and all requests since. A world is computed again from
+// it, bit for bit.
+
+// The beginning of a world. Missing values are those of the scene.
+struct WorldStart {
+  std::uint64_t seed = 1;  // of the noise, and of the hidden plants
+  bool hidden = false;     // the simulated arms differ from their models by a draw of the seed
+  std::map<std::string, std::vector<double>> q_start;  // by arm [rad]
+  std::map<std::string, std::vector<double>> objects;  // by free object: x y z [m], qw qx qy qz
+  // Controllets that run from the first cycle on; then the scene's timeline is left out.
+  std::optional<std::vector<std::string>> active;
+};
+
+// One call of ControlledWorld::command().
+struct WorldCommand {
+  std::uint64_t cycle = 0;  // cycles completed at its arrival
+  nlohmann::json request;
+};
+
+struct SavedWorld {
+  std::string scene;  // its text
+  WorldStart start;
+  std::vector<WorldCommand> commands;  // in order
+  std::uint64_t cycles = 0;
+  std::vector<double> state;  // of that cycle, to check the computed one
+  std::string refusal;        // the refusals until then
+
+  std::vector<std::uint8_t> pack() const;
+  // Throws std::invalid_argument if these bytes are none that pack() made.
+  static SavedWorld unpack(const std::uint8_t* bytes, std::size_t size);
+};
 
 // A simulated world of a scene with its control loop, stepped by the caller: the program's own run, bit for
 // bit, if it gets the same requests at the same cycles. One thread at a time.

@@ -11,10 +11,10 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "python_bindings/batch.hpp"
 #include "scene/build.hpp"
-#include "scene/set_values.hpp"
+#include "scene/load.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;

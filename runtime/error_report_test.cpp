@@ -16,7 +16,6 @@
 #include "backends/simulated_arm/from_scene.hpp"
 #include "backends/simulated_arm/simulated_arm.hpp"
 #include "core/state/external_force.hpp"
-#include "runtime/reflex_watch.hpp"
 #include "runtime/session.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"

@@ -1,5 +1,3 @@
-#include "runtime/reflex_watch.hpp"
-
 #include <algorithm>
 #include <cerrno>
 #include <cstdlib>
@@ -15,6 +13,7 @@
 #include "backends/simulated_arm/self_collision.hpp"
 #include "core/record/arm_config.hpp"
 #include "core/state/arm_state.hpp"
+#include "runtime/error_report.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {

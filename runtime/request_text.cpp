@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <bit>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 
 namespace multipanda {
 namespace {

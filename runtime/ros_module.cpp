@@ -1,9 +1,8 @@
-#include "runtime/ros_module.hpp"
-
 #include <dlfcn.h>
 #include <stdexcept>
 
 #include "common/own_files.hpp"
+#include "runtime/run_adapter.hpp"
 
 namespace multipanda {
 namespace {

@@ -15,10 +15,10 @@
 #include "core/rt/thread_setup.hpp"
 #include "logs/recorder.hpp"
 #include "runtime/backends.hpp"
+#include "runtime/error_report.hpp"
 #include "runtime/live_input/latest_state.hpp"
 #include "runtime/live_input/server.hpp"
 #include "runtime/object_poses.hpp"
-#include "runtime/reflex_watch.hpp"
 #include "runtime/run_adapter.hpp"
 #include "runtime/run_monitor.hpp"
 #include "runtime/shared_records/shared_records.hpp"
@@ -173,6 +173,30 @@ class Session {
   std::mutex end_mutex_;
   std::condition_variable end_changed_;
   std::thread loop_, relay_;
+};
+
+// Displays the sessions of a command in sequence: the cockpit.
+class SessionViewer {
+ public:
+  virtual ~SessionViewer() = default;
+  virtual void prepare(SessionOptions& options) = 0;  // sets the options that it needs
+  virtual void show(Session& session) = 0;            // before its start
+  virtual void end() = 0;                             // before the session is destroyed; idempotent
+};
+
+// Shows a session for as long as this exists.
+class Viewed {
+ public:
+  Viewed(SessionViewer* viewer, Session& session) : viewer_(viewer) {
+    if (viewer_ != nullptr) viewer_->show(session);
+  }
+  ~Viewed() {
+    if (viewer_ != nullptr) viewer_->end();
+  }
+  Viewed(const Viewed&) = delete;
+
+ private:
+  SessionViewer* viewer_;
 };
 
 }  // namespace multipanda

@@ -8,7 +8,6 @@
 #include "core/rt/pacer.hpp"
 #include "fci/client/end_effector.hpp"
 #include "fci/client/fci_backend.hpp"
-#include "fci/client/from_scene.hpp"
 #include "fci/server/virtual_arms.hpp"
 
 namespace multipanda {

@@ -8,7 +8,6 @@
 
 #include <yaml-cpp/yaml.h>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "scene/rewrite.hpp"
 

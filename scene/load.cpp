@@ -5,13 +5,15 @@
 #include <fstream>
 #include <sstream>
 
+#include <yaml-cpp/yaml.h>
+
 #include "common/own_files.hpp"
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "scene/build.hpp"
 #include "scene/load_parts.hpp"
 
 namespace multipanda {
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -179,6 +181,22 @@ void visit(Archive& archive, SceneReader& reader) {
   read_active(archive, reader);
   read_timeline(archive, reader);
   archive.section(Key("ros", "How `run --ros` shows the run in ROS 2."), scene.ros);
+}
+
+Scene with_values(const OpenedScene& opened, const std::vector<std::string>& settings) {
+  YAML::Node root = YAML::Load(opened.scene.text);
+  for (const auto& setting : settings) {
+    const SourcePlace place{"--set", 0};
+    const std::size_t equals = setting.find('=');
+    if (equals == std::string::npos || equals == 0)
+      throw ConfigError(place, "expected KEY=VALUE, found " + in_quotes(setting));
+    try {
+      put(root, {.key = setting.substr(0, equals), .value = setting.substr(equals + 1), .place = place});
+    } catch (const YAML::Exception& error) {
+      throw ConfigError(place, in_quotes(setting) + " is not YAML: " + error.what());
+    }
+  }
+  return parse_scene(yaml_text(root) + "\n", opened.scene.path, opened.registry);
 }
 
 }  // namespace multipanda

@@ -41,4 +41,9 @@ std::string scene_reference_markdown(const Registry& registry);
 // config/schemas/scene.json: the same as JSON Schema, for editors.
 std::string scene_json_schema(const Registry& registry);
 
+// The scene read again with other values, each "KEY=VALUE" as in an Override. Its text contains them, for the
+// log; lines in messages are those of that text. Throws ConfigError: no such key, or a value that the scene
+// does not accept.
+Scene with_values(const OpenedScene& opened, const std::vector<std::string>& settings);
+
 }  // namespace multipanda

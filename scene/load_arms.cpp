@@ -3,7 +3,6 @@
 
 #include <Eigen/Eigenvalues>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "core/model/prismatic_joints.hpp"
 #include "models/arm_source.hpp"

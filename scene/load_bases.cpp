@@ -1,7 +1,6 @@
 #include <cmath>
 #include <memory>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/types/capacity.hpp"

@@ -2,7 +2,6 @@
 #include <set>
 #include <utility>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "core/controllets/prismatic_parameters.hpp"
 #include "core/features/builtins.hpp"

@@ -2,7 +2,6 @@
 #include <array>
 #include <cmath>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "scene/load_parts.hpp"
 

@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "core/modes/registry.hpp"
 #include "scene/build.hpp"
 #include "scene/testing/test_scenes.hpp"

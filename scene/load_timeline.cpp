@@ -2,7 +2,6 @@
 #include <functional>
 #include <set>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "core/reference/harmonic.hpp"
 #include "scene/load_parts.hpp"

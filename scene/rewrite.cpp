@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "yaml_reader/node.hpp"
 
 namespace multipanda {

@@ -2,11 +2,9 @@
 
 #include <nlohmann/json.hpp>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "scene/load.hpp"
 #include "scene/load_parts.hpp"
-#include "yaml_reader/json_schema.hpp"
 #include "yaml_reader/reference_page.hpp"
 
 namespace multipanda {

@@ -1,9 +1,9 @@
-#include "scene/set_values.hpp"
-
 #include <map>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "scene/load.hpp"
 
 namespace multipanda {
 namespace {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 
 namespace multipanda {

@@ -4,7 +4,6 @@
 
 #include "yaml_reader/archive.hpp"
 #include "yaml_reader/first_lines.hpp"
-#include "yaml_reader/json_schema.hpp"
 #include "yaml_reader/reference_page.hpp"
 
 namespace multipanda::config_file_test {

@@ -1,11 +1,11 @@
-#include "yaml_reader/json_schema.hpp"
-
 #include <algorithm>
 #include <cctype>
 #include <charconv>
 #include <cmath>
 
 #include <nlohmann/json.hpp>
+
+#include "yaml_reader/reference_page.hpp"
 
 namespace multipanda {
 namespace {

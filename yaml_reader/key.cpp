@@ -4,7 +4,6 @@
 #include <array>
 #include <utility>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 
 namespace multipanda {

@@ -8,7 +8,6 @@
 #include <numbers>
 #include <sstream>
 
-#include "common/spelling.hpp"
 #include "common/text.hpp"
 #include "yaml_reader/first_lines.hpp"
 

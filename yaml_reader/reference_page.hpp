@@ -5,6 +5,8 @@
 #include <utility>
 #include <vector>
 
+#include <nlohmann/json_fwd.hpp>
+
 #include "yaml_reader/key.hpp"
 
 namespace multipanda {
@@ -26,5 +28,9 @@ std::string reference_lists(const Section& section);
 std::string in_brackets(const std::string& value, const std::string& absent);
 // `text`, or an empty string.
 std::string code_text(const std::string& text);
+
+// JSON Schema (draft 7) of files whose top is `section`, for completion and checks in editors. It contains
+// keys, types, bounds and defaults; only the program checks conditions on several values.
+nlohmann::ordered_json json_schema(const Section& section, const std::string& title);
 
 }  // namespace multipanda

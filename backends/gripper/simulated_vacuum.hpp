@@ -2,7 +2,7 @@
 
 #include <string>
 
-#include "backends/gripper/motion_results.hpp"
+#include "backends/gripper/simulated_gripper.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/state/arm_state.hpp"
 #include "core/types/spatial.hpp"

@@ -15,7 +15,7 @@
 #define STB_IMAGE_WRITE_STATIC
 #include <stb/stb_image_write.h>
 
-#include "backends/mujoco/engine_errors.hpp"
+#include "backends/mujoco/engine.hpp"
 #include "core/types/spatial.hpp"
 
 namespace multipanda {

@@ -6,7 +6,7 @@
 #include <cstring>
 #include <stdexcept>
 
-#include "backends/mujoco/engine_errors.hpp"
+#include "backends/mujoco/engine.hpp"
 #include "backends/simulated_arm/friction.hpp"
 #include "backends/simulated_arm/from_scene.hpp"
 #include "models/write_robot.hpp"

@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <stdexcept>
 
-#include "backends/mujoco/engine_errors.hpp"
+#include "backends/mujoco/engine.hpp"
 
 namespace multipanda {
 namespace {

@@ -1,7 +1,7 @@
-#include "backends/simulated_arm/arm_sensors.hpp"
-
 #include <cmath>
 #include <numbers>
+
+#include "backends/simulated_arm/simulated_arm.hpp"
 
 namespace multipanda {
 namespace {

@@ -11,7 +11,7 @@
 
 #include <gtest/gtest.h>
 
-#include "arm_interface/declared_hand.hpp"
+#include "arm_interface/arm_settings.hpp"
 #include "backends/mujoco/plant.hpp"
 #include "backends/mujoco/testing/test_scenes.hpp"
 #include "backends/simulated_arm/from_scene.hpp"

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <stdexcept>
 
-#include "arm_interface/declared_hand.hpp"
+#include "arm_interface/arm_settings.hpp"
 #include "models/arm_source.hpp"
 #include "scene/build.hpp"
 

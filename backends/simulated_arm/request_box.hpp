@@ -9,7 +9,7 @@
 #include <string_view>
 #include <thread>
 
-#include "arm_interface/request_patience.hpp"
+#include "arm_interface/arm_interface.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/rt/spsc_ring.hpp"
 #include "core/types/gap_watch.hpp"

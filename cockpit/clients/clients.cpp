@@ -4,8 +4,8 @@
 #include <cstring>
 #include <utility>
 
-#include "cockpit/clients/frames.hpp"
-#include "common/spelling.hpp"
+#include "cockpit/clients/source.hpp"
+#include "common/text.hpp"
 #include "runtime/live_input/json_fields.hpp"
 
 namespace multipanda::cockpit {

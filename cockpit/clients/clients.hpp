@@ -10,7 +10,6 @@
 
 #include "cockpit/clients/source.hpp"
 #include "cockpit/server/control.hpp"
-#include "cockpit/server/dead_man.hpp"
 #include "cockpit/server/hub.hpp"
 #include "core/types/gap_watch.hpp"
 

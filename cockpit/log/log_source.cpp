@@ -1,12 +1,11 @@
-#include "cockpit/log/log_source.hpp"
-
 #include <algorithm>
 #include <cmath>
 
 #include "arm_interface/arm_error.hpp"
-#include "cockpit/clients/frames.hpp"
-#include "cockpit/view/scene_text.hpp"
-#include "common/spelling.hpp"
+#include "cockpit/clients/source.hpp"
+#include "cockpit/log/log_table.hpp"
+#include "cockpit/view/scene_bodies.hpp"
+#include "common/text.hpp"
 #include "core/state/arm_state.hpp"
 #include "runtime/live_input/json_fields.hpp"
 

@@ -6,7 +6,6 @@
 
 #include <gtest/gtest.h>
 
-#include "cockpit/log/log_source.hpp"
 #include "runtime/live_input/json_fields.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"

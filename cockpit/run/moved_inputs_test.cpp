@@ -1,8 +1,8 @@
-#include "cockpit/run/moved_inputs.hpp"
-
 #include <cmath>
 
 #include <gtest/gtest.h>
+
+#include "cockpit/run/state_view.hpp"
 
 namespace multipanda::cockpit::moved_inputs_test {
 namespace {

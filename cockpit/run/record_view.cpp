@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "arm_interface/arm_error.hpp"
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "runtime/error_report.hpp"
 #include "runtime/live_input/json_fields.hpp"
 

@@ -8,7 +8,7 @@
 
 #include "cockpit/clients/source.hpp"
 #include "core/rt/cycle_histogram.hpp"
-#include "runtime/shared_records/record_reader.hpp"
+#include "runtime/shared_records/shared_records.hpp"
 
 namespace multipanda::cockpit {
 

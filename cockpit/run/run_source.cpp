@@ -4,8 +4,8 @@
 #include <chrono>
 #include <cmath>
 
-#include "cockpit/view/scene_text.hpp"
-#include "common/spelling.hpp"
+#include "cockpit/view/scene_bodies.hpp"
+#include "common/text.hpp"
 #include "core/controllets/goal_parameters.hpp"
 #include "runtime/live_input/backend_requests.hpp"
 #include "runtime/request_text.hpp"

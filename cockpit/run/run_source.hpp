@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "cockpit/clients/source.hpp"
-#include "cockpit/run/moved_inputs.hpp"
 #include "cockpit/run/record_view.hpp"
 #include "cockpit/run/state_view.hpp"
 #include "runtime/live_input/request_handler.hpp"

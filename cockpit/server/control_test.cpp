@@ -2,8 +2,6 @@
 
 #include <gtest/gtest.h>
 
-#include "cockpit/server/dead_man.hpp"
-
 namespace multipanda::cockpit::control_test {
 namespace {
 

@@ -58,4 +58,7 @@ class SceneBodies {
 // [x, y, z, w, x, y, z]
 void write_pose(const Pose& X, double* out);
 
+// The part `arms` of a scene's description (cockpit/WIRE.md): limits, bases and end effectors.
+nlohmann::json describe_arms(const Scene& scene);
+
 }  // namespace multipanda::cockpit

@@ -1,4 +1,3 @@
-#include "core/geometry/smooth_distance.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,10 +1,9 @@
-#include "core/geometry/smooth_distance.hpp"
-
 #include <array>
 #include <cmath>
 
 #include <gtest/gtest.h>
 
+#include "core/geometry/distance.hpp"
 #include "core/testing/smooth_reference.hpp"
 #include "core/testing/test_arm.hpp"
 

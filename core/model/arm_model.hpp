@@ -11,7 +11,6 @@
 #include "core/state/arm_state.hpp"
 #include "core/types/joint_range.hpp"
 #include "core/types/joints.hpp"
-#include "core/types/position_based_velocity.hpp"
 #include "core/types/spatial.hpp"
 
 namespace multipanda {

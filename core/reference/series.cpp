@@ -1,7 +1,7 @@
-#include "core/reference/series.hpp"
-
 #include <algorithm>
 #include <cmath>
+
+#include "core/reference/reference.hpp"
 
 namespace multipanda {
 namespace {

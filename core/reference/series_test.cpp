@@ -1,11 +1,10 @@
 // The estimate of a series against the curves and the irregularities from which its samples are made.
-#include "core/reference/series.hpp"
-
 #include <cmath>
 #include <numbers>
 
 #include <gtest/gtest.h>
 
+#include "core/reference/reference.hpp"
 #include "core/testing/test_arm.hpp"
 
 namespace multipanda::series_test {

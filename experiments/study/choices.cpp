@@ -5,7 +5,7 @@
 #include <set>
 
 #include "common/own_files.hpp"
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "experiments/kinds.hpp"
 #include "experiments/study/scene_run.hpp"
 #include "experiments/study/study.hpp"

@@ -5,7 +5,7 @@
 #include <string>
 
 #include "core/cycle/backend.hpp"
-#include "fci/wire/versions.hpp"
+#include "fci/wire/commands.hpp"
 
 namespace multipanda::fci {
 

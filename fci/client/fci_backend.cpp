@@ -10,9 +10,12 @@
 #include "arm_interface/arm_settings.hpp"
 #include "core/model/prismatic_joints.hpp"
 #include "fci/client/arm_driver.hpp"
+#include "fci/client/end_effector.hpp"
 #include "fci/client/state_intake.hpp"
+#include "scene/build.hpp"
 
 namespace multipanda::fci {
+
 namespace {
 
 FciOptions serialize_messages(FciOptions options) {
@@ -373,5 +376,40 @@ bool FciBackend::is_running(ArmIndex arm, ArmMotion motion) const noexcept {
 const RobotState& FciBackend::packet(ArmIndex arm) const noexcept { return self_->arms[arm]->newest(); }
 
 void FciBackend::command(ArmIndex arm, RobotCommand& command) noexcept { self_->arms[arm]->command(command); }
+
+FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
+  FciArmConfig config;
+  config.name = arm.name;
+  config.address = address;
+  config.model = build_arm_model(arm);
+  const RobotDescription robot = robot_of(arm);
+  if (arm.hand && robot.hand) {
+    const RigidBody hand = moved(rigid_hand(*robot.hand), robot.hand->mount.pose());
+    config.hand = {hand.mass, hand.com, hand.inertia};
+    config.hand_declared = declared_hand(config.hand);
+  }
+  const ArmConfig requested = arm_config(arm);
+  config.frames = requested.frames;
+  config.tool = requested.tool;
+  config.load = requested.load;
+  config.joint_stiffness = arm.joint_stiffness;
+  config.cartesian_stiffness = arm.cartesian_stiffness;
+  config.thresholds = arm.collision;
+  if (!config.thresholds && !(arm.fci && arm.fci->keep_collision_thresholds)) {
+    config.thresholds = careful_thresholds(*config.model);
+  }
+  if (arm.vacuum || (arm.fci && arm.fci->vacuum)) {
+    config.end_effector = [name = arm.name, address] { return vacuum_link(name, address); };
+  } else if (arm.hand && (!arm.fci || arm.fci->gripper)) {
+    config.end_effector = [name = arm.name, address] { return gripper_link(name, address); };
+  }
+  if (arm.fci) {
+    config.version = arm.fci->version;
+    config.low_pass_hz = arm.fci->low_pass_hz;
+    config.recover_at_start = arm.fci->recover_at_start;
+    if (!arm.fci->check_model) config.model_check = ModelCheck::off;
+  }
+  return config;
+}
 
 }  // namespace multipanda::fci

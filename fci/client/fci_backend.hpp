@@ -7,12 +7,13 @@
 #include <string>
 #include <vector>
 
-#include "arm_interface/request_patience.hpp"
+#include "arm_interface/arm_interface.hpp"
 #include "core/cycle/backend.hpp"
 #include "core/model/arm_model.hpp"
 #include "core/state/arm_state.hpp"
 #include "fci/client/end_effector.hpp"
 #include "fci/wire/robot_state.hpp"
+#include "scene/scene.hpp"
 
 namespace multipanda::fci {
 
@@ -168,5 +169,9 @@ class FciBackend : public Backend {
   struct Implementation;
   std::unique_ptr<Implementation> self_;
 };
+
+// Configuration from the scene for the arm at `address`: model, frames, tool, load.
+// Throws std::invalid_argument.
+FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address);
 
 }  // namespace multipanda::fci

@@ -13,7 +13,6 @@
 #include "arm_interface/arm_settings.hpp"
 #include "core/cycle/control_cycle.hpp"
 #include "core/rt/guard/loop_guard.hpp"
-#include "fci/client/from_scene.hpp"
 #include "fci/client/model_check.hpp"
 #include "fci/client/testing/fake_arm.hpp"
 #include "fci/model/model_library.hpp"

@@ -7,7 +7,6 @@
 #include <gtest/gtest.h>
 
 #include "fci/client/fci_backend.hpp"
-#include "fci/client/from_scene.hpp"
 #include "fci/client/state_intake.hpp"
 #include "fci/client/testing/fake_arm.hpp"
 #include "scene/build.hpp"

@@ -13,7 +13,6 @@
 #include "core/cycle/control_cycle.hpp"
 #include "core/rt/guard/loop_guard.hpp"
 #include "fci/client/fci_backend.hpp"
-#include "fci/client/from_scene.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::fci::virtual_arms_test {

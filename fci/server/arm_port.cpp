@@ -6,7 +6,7 @@
 
 #include "core/model/prismatic_joints.hpp"
 #include "core/types/time.hpp"
-#include "fci/server/wire_requests.hpp"
+#include "fci/server/wire.hpp"
 
 namespace multipanda::fci {
 namespace {

@@ -11,7 +11,7 @@
 #include "backends/simulated_arm/simulated_arm.hpp"
 #include "fci/server/datagram_faults.hpp"
 #include "fci/server/sockets.hpp"
-#include "fci/server/state_packet.hpp"
+#include "fci/server/wire.hpp"
 #include "fci/wire/frame_reader.hpp"
 #include "fci/wire/requests.hpp"
 #include "fci/wire/state_layout.hpp"

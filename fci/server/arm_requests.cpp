@@ -1,7 +1,7 @@
 #include <system_error>
 
 #include "fci/server/arm_port.hpp"
-#include "fci/server/wire_requests.hpp"
+#include "fci/server/wire.hpp"
 
 // Requests on an arm's TCP connection.
 namespace multipanda::fci {

@@ -5,7 +5,6 @@
 #include <optional>
 #include <string>
 
-#include "backends/gripper/motion_results.hpp"
 #include "backends/gripper/simulated_gripper.hpp"
 #include "backends/gripper/simulated_vacuum.hpp"
 #include "fci/server/sockets.hpp"

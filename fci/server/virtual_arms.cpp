@@ -6,7 +6,7 @@
 
 #include "fci/model/model_library.hpp"
 #include "fci/server/end_effector_port.hpp"
-#include "fci/server/state_packet.hpp"
+#include "fci/server/wire.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::fci {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "fci/server/wire_requests.hpp"
+#include "fci/server/wire.hpp"
 
 namespace multipanda::fci {
 

@@ -7,7 +7,7 @@
 #include <string>
 
 #include "backends/simulated_arm/simulated_arm.hpp"
-#include "fci/server/state_packet.hpp"
+#include "fci/server/wire.hpp"
 #include "fci/simulated_time/simulated_time.hpp"
 #include "fci/wire/state_layout.hpp"
 

@@ -6,9 +6,9 @@
 #include <utility>
 
 #include "core/model/prismatic_joints.hpp"
-#include "fci/client/from_scene.hpp"
+#include "fci/client/fci_backend.hpp"
 #include "fci/client/state_intake.hpp"
-#include "fci/server/state_packet.hpp"
+#include "fci/server/wire.hpp"
 #include "fci/simulated_time/implementation.hpp"
 
 // Construction, the program's wake-ups, and the contract of a Backend.

@@ -5,7 +5,6 @@
 #include "fci/wire/archive.hpp"
 #include "fci/wire/commands.hpp"
 #include "fci/wire/statuses.hpp"
-#include "fci/wire/versions.hpp"
 
 // The gripper's connection (port kGripperPort): requests by TCP, answered when the motion is done; states by
 // UDP, without commands. There is only one version. Its header is HeaderKind::gripper.

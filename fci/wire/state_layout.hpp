@@ -3,8 +3,8 @@
 #include <span>
 
 #include "fci/wire/archive.hpp"
+#include "fci/wire/commands.hpp"
 #include "fci/wire/robot_state.hpp"
-#include "fci/wire/versions.hpp"
 
 // The two datagrams of the 1 kHz exchange: the arm's state, and the command that answers it.
 namespace multipanda::fci {

@@ -2,9 +2,9 @@
 #include <string>
 
 #include "ros/adapter/ros_adapter.hpp"
-#include "runtime/ros_module.hpp"
+#include "runtime/run_adapter.hpp"
 
-// Symbols looked up in libmultipanda_ros.so by the program (runtime/ros_module.hpp).
+// Symbols looked up in libmultipanda_ros.so by the program (runtime/run_adapter.hpp).
 
 extern "C" __attribute__((visibility("default"))) unsigned multipanda_ros_version() {
   return multipanda::kRosModuleVersion;

@@ -6,7 +6,7 @@
 #include <stdexcept>
 #include <thread>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 
 namespace multipanda::ros {
 namespace {

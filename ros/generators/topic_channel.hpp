@@ -14,7 +14,7 @@
 #include <string>
 #include <vector>
 
-#include "motion_generators/topic_channel.hpp"
+#include "motion_generators/set_point_channel.hpp"
 #include "ros/rcl/rcl.hpp"
 
 namespace multipanda::ros {

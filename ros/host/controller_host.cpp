@@ -7,7 +7,7 @@
 #include <stdexcept>
 #include <type_traits>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "models/robot_description.hpp"
 #include "ros/adapter/controllets/parameter_table.hpp"
 #include "ros/adapter/ros_adapter.hpp"

@@ -3,9 +3,7 @@
 #include <stdexcept>
 
 #include "ros/adapter/ros_adapter.hpp"
-#include "runtime/embedded/hardware_parameters.hpp"
 #include "runtime/embedded/hardware_system.hpp"
-#include "runtime/embedded/tear_down.hpp"
 
 namespace multipanda::ros {
 namespace {

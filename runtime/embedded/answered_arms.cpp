@@ -3,7 +3,7 @@
 #include <mutex>
 #include <stdexcept>
 
-#include "fci/client/from_scene.hpp"
+#include "fci/client/fci_backend.hpp"
 #include "runtime/embedded/answered_arm.hpp"
 
 namespace multipanda {

@@ -11,7 +11,7 @@
 #include <gtest/gtest.h>
 
 #include "core/rt/guard/loop_guard.hpp"
-#include "fci/client/from_scene.hpp"
+#include "fci/client/fci_backend.hpp"
 #include "fci/server/virtual_arms.hpp"
 #include "runtime/embedded/answered_arm.hpp"
 #include "runtime/embedded/testing/hosted_fixture.hpp"

@@ -1,12 +1,11 @@
 // One coordinate that follows a reference, against the limits themselves.
-#include "runtime/embedded/axis_follower.hpp"
-
 #include <cmath>
 #include <random>
 
 #include <gtest/gtest.h>
 
 #include "core/types/time.hpp"
+#include "runtime/embedded/command_follower.hpp"
 #include "runtime/embedded/sample_track.hpp"
 
 namespace multipanda::axis_follower_test {

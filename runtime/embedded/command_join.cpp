@@ -1,7 +1,7 @@
-#include "runtime/embedded/command_join.hpp"
-
 #include <algorithm>
 #include <cmath>
+
+#include "runtime/embedded/hardware_system.hpp"
 
 namespace multipanda {
 namespace {

@@ -5,7 +5,6 @@
 #include "backends/mujoco/mujoco_backend.hpp"
 #include "common/machine.hpp"
 #include "fci/client/fci_backend.hpp"
-#include "fci/client/from_scene.hpp"
 #include "runtime/embedded/answered_arm.hpp"
 
 namespace multipanda {

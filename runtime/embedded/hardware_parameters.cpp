@@ -1,11 +1,10 @@
-#include "runtime/embedded/hardware_parameters.hpp"
-
 #include <algorithm>
 #include <stdexcept>
 
 #include <yaml-cpp/yaml.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
+#include "runtime/embedded/hardware_system.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
 

@@ -1,7 +1,7 @@
-#include "runtime/embedded/hardware_parameters.hpp"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "runtime/embedded/hardware_system.hpp"
 
 namespace multipanda::hardware_parameters_test {
 namespace {

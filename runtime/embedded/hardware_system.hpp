@@ -2,21 +2,91 @@
 
 #include <array>
 #include <bitset>
+#include <cstdint>
 #include <deque>
 #include <functional>
 #include <map>
 #include <memory>
+#include <span>
 #include <string>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include "core/cycle/control_cycle.hpp"
-#include "runtime/embedded/command_join.hpp"
+#include "core/types/capacity.hpp"
+#include "core/types/spatial.hpp"
 #include "runtime/embedded/hardware_arms.hpp"
 #include "runtime/embedded/shared_arm_state.hpp"
-#include "runtime/embedded/tear_down.hpp"
 #include "runtime/run_adapter.hpp"
+#include "scene/from_parameters.hpp"
 
 namespace multipanda {
+
+// Runs slow clean-up on a separate thread, so that the calling loop, which may serve other hardware, loses no
+// period. Off the loops, one thread at a time.
+class TearDown {
+ public:
+  TearDown() = default;
+  ~TearDown() { wait(); }
+  TearDown(const TearDown&) = delete;
+
+  // Returns at once, unless an earlier clean-up is still running.
+  void start(std::function<void()> work) {
+    wait();
+    thread_ = std::thread(std::move(work));
+  }
+  // Waits for the last clean-up.
+  void wait() {
+    if (thread_.joinable()) thread_.join();
+  }
+
+ private:
+  std::thread thread_;
+};
+
+// Fades in the commands of a motion when a controller takes over an arm. An arm rejects a desired motion that
+// jumps, and a command written long ago is no longer valid. Therefore:
+//
+//   positions and poses: the arm holds (`waiting`) while the command is farther than a threshold from the
+//   arm's position. Once it is closer, the difference fades over kFade, so there is no jump. velocities: grow
+//   from zero over kFade. After a fault they must have been about zero once.
+//
+// Loop thread; nothing allocates.
+class CommandJoin {
+ public:
+  static constexpr double kJointWindow = 0.05;                        // [rad]
+  static constexpr double kPositionWindow = 0.02, kTurnWindow = 0.1;  // [m], [rad]
+  static constexpr double kRestVelocity = 0.02;                       // [rad/s], [m/s]
+  static constexpr double kFade = 0.5;                                // [s]
+
+  enum class Result : std::uint8_t { waiting, following, not_finite };
+
+  // Commands are used from now on. `after_fault`: commands from before the fault are not resumed.
+  void begin(bool after_fault) {
+    stage_ = Stage::fresh;
+    after_fault_ = after_fault;
+  }
+
+  // `desired`: the arm's own desired position (q_d). `out`: the command to send. Same sizes.
+  Result positions(std::span<const double> command, std::span<const double> desired, double dt,
+                   std::span<double> out);
+  Result velocities(std::span<const double> command, double dt, std::span<double> out);
+  // Column-major transforms, as in the arm's interface.
+  Result pose(const std::array<double, 16>& command, const std::array<double, 16>& desired, double dt,
+              std::array<double, 16>& out);
+
+ private:
+  enum class Stage : std::uint8_t { fresh, waiting, following };
+  double fade(double dt);  // weight of the command, 0 to 1
+
+  Stage stage_ = Stage::fresh;
+  bool after_fault_ = false;
+  double time_ = 0;
+  std::array<double, kMaxJoints> hold_{}, offset_{};
+  std::array<double, 16> hold_pose_{};
+  Vector3 shift_ = Vector3::Zero(), turn_ = Vector3::Zero();
+};
 
 // A number that a hardware component exports, for example "left_joint1" "position". Its address stays the
 // same for the system's life.
@@ -147,5 +217,19 @@ class HardwareSystem {
 
   TearDown tear_down_;  // destroyed before what it uses
 };
+
+// Returns a scene from the parameters of a hardware component, which URDFs carry as strings.
+//
+//   scene             a scene file or name; then no other parameter of a scene is allowed
+//   arm_names         "left right" (or with commas)
+//   arms.<name>.*     the scene's keys of an arm, with values in YAML: "[0, 0.26, 0]"
+//   objects.<name>.*  those of an object
+//   arms.<name>.fci   address; required with `real`
+// The names of multipanda_ros2 are accepted too: robot_count, ns_<i>, robot_ip_<i>, hand_<i>.
+//
+// `real`: every arm needs an address; otherwise addresses are refused. Keys in `others` are ignored, all
+// other keys are refused. Throws std::invalid_argument.
+Scene hardware_scene(const std::map<std::string, std::string>& parameters, bool real,
+                     const std::vector<std::string>& others = {});
 
 }  // namespace multipanda

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/machine.hpp"
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 
 namespace multipanda {
 namespace {

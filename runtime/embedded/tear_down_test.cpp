@@ -1,5 +1,4 @@
 // A component that closes its connections takes none of its program's time.
-#include "runtime/embedded/tear_down.hpp"
 
 #include <atomic>
 #include <future>

@@ -1,6 +1,4 @@
 // Torques of a program on another clock, on a simulated arm with its own checks, in simulated time.
-#include "runtime/embedded/torque_answer.hpp"
-
 #include <cmath>
 
 #include <gtest/gtest.h>
@@ -8,6 +6,7 @@
 #include "backends/simulated_arm/testing/arm_rig.hpp"
 #include "core/rt/guard/loop_guard.hpp"
 #include "core/testing/lagging_motors.hpp"
+#include "runtime/embedded/arm_answer.hpp"
 #include "runtime/embedded/testing/two_clocks.hpp"
 
 namespace multipanda::torque_answer_test {

@@ -2,7 +2,6 @@
 #include "core/controllets/goal_parameters.hpp"
 #include "core/state/arm_state.hpp"
 #include "runtime/live_input/backend_requests.hpp"
-#include "runtime/live_input/reference_values.hpp"
 #include "runtime/live_input/request_handler.hpp"
 #include "runtime/request_text.hpp"
 

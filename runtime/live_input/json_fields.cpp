@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 
 namespace multipanda {
 namespace {

@@ -6,11 +6,10 @@
 
 #include <fmt/format.h>
 
-#include "arm_interface/request_patience.hpp"
-#include "common/spelling.hpp"
+#include "arm_interface/arm_interface.hpp"
+#include "common/text.hpp"
 #include "core/types/gap_watch.hpp"
 #include "runtime/live_input/backend_requests.hpp"
-#include "runtime/live_input/reference_values.hpp"
 #include "runtime/request_text.hpp"
 
 namespace multipanda {

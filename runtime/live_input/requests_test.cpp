@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "arm_interface/arm_error.hpp"
-#include "arm_interface/request_patience.hpp"
+#include "arm_interface/arm_interface.hpp"
 #include "core/state/arm_state.hpp"
 #include "core/testing/drawn_sample.hpp"
 #include "core/testing/wrong_goals.hpp"

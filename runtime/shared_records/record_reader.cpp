@@ -1,5 +1,3 @@
-#include "runtime/shared_records/record_reader.hpp"
-
 #include <algorithm>
 #include <atomic>
 #include <bit>
@@ -9,6 +7,8 @@
 #include <sys/stat.h>
 
 #include <nlohmann/json.hpp>
+
+#include "runtime/shared_records/shared_records.hpp"
 
 namespace multipanda {
 namespace {

@@ -1,9 +1,8 @@
-#include "runtime/shared_records/run_event.hpp"
-
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "arm_interface/arm_error.hpp"
+#include "runtime/shared_records/shared_records.hpp"
 
 namespace multipanda::run_event_test {
 namespace {

@@ -1,5 +1,3 @@
-#include "runtime/shared_records/sealed_memory.hpp"
-
 #include <cerrno>
 #include <cstring>
 #include <fcntl.h>
@@ -8,6 +6,8 @@
 #include <unistd.h>
 
 #include <gtest/gtest.h>
+
+#include "runtime/shared_records/shared_records.hpp"
 
 namespace multipanda::sealed_memory_test {
 namespace {

@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <yaml-cpp/yaml.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 
 namespace multipanda {
 namespace {

@@ -1,5 +1,3 @@
-#include "sysid/comparison/comparison_page.hpp"
-
 #include <algorithm>
 #include <fstream>
 #include <stdexcept>
@@ -8,6 +6,7 @@
 
 #include "logs/npz.hpp"
 #include "report/page_script.hpp"
+#include "sysid/comparison/compare.hpp"
 
 namespace multipanda {
 namespace {

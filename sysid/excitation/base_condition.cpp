@@ -1,5 +1,3 @@
-#include "sysid/excitation/base_condition.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,6 +6,8 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/QR>
+
+#include "sysid/excitation/excitation.hpp"
 
 namespace multipanda {
 namespace {

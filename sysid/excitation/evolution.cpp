@@ -1,5 +1,3 @@
-#include "sysid/excitation/evolution.hpp"
-
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -8,6 +6,8 @@
 #include <thread>
 
 #include <Eigen/Eigenvalues>
+
+#include "sysid/excitation/excitation.hpp"
 
 namespace multipanda {
 

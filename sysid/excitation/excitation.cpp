@@ -10,7 +10,6 @@
 #include <fmt/format.h>
 
 #include "core/types/statistics.hpp"
-#include "sysid/excitation/evolution.hpp"
 
 namespace multipanda {
 namespace {

@@ -11,7 +11,6 @@
 #include "models/arm_source.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
-#include "sysid/excitation/evolution.hpp"
 
 namespace multipanda::excitation_test {
 namespace {

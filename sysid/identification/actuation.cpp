@@ -11,7 +11,6 @@
 #include <Eigen/Dense>
 
 #include "core/types/statistics.hpp"
-#include "sysid/identification/stretches.hpp"
 
 namespace multipanda {
 namespace {

@@ -1,11 +1,10 @@
-#include "sysid/identification/arm_regressor.hpp"
-
 #include <stdexcept>
 #include <string>
 
 #include <pinocchio/multibody/data.hpp>
 #include <pinocchio/multibody/model.hpp>
 
+#include "sysid/identification/equations.hpp"
 #include "sysid/identification/inertial_parameters.hpp"
 
 // As in pinocchio/algorithm/regressor.hpp. Its inline definition takes half a minute to compile, although

@@ -1,5 +1,3 @@
-#include "sysid/identification/candidates.hpp"
-
 #include <algorithm>
 #include <atomic>
 #include <cmath>
@@ -8,8 +6,9 @@
 
 #include <fmt/format.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "sysid/identification/identify.hpp"
+#include "sysid/identification/identify_parts.hpp"
 
 namespace multipanda {
 namespace {

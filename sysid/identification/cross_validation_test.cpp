@@ -4,8 +4,8 @@
 
 #include <gtest/gtest.h>
 
-#include "sysid/identification/candidates.hpp"
 #include "sysid/identification/filtered_log.hpp"
+#include "sysid/identification/identify_parts.hpp"
 
 namespace multipanda::cross_validation_test {
 namespace {

@@ -6,7 +6,6 @@
 #include <Eigen/QR>
 #include <fmt/format.h>
 
-#include "sysid/identification/arm_regressor.hpp"
 #include "sysid/identification/filtered_log.hpp"
 
 namespace multipanda {

@@ -6,10 +6,9 @@
 
 #include <fmt/format.h>
 
-#include "sysid/identification/arm_regressor.hpp"
+#include "sysid/identification/equations.hpp"
 #include "sysid/identification/filtered_log.hpp"
 #include "sysid/identification/identify_parts.hpp"
-#include "sysid/identification/misfit.hpp"
 #include "sysid/identification/mounting.hpp"
 #include "sysid/identification/predict.hpp"
 

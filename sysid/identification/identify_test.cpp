@@ -7,7 +7,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "sysid/identification/arm_regressor.hpp"
 #include "sysid/identification/equations.hpp"
 #include "sysid/identification/inertial_parameters.hpp"
 #include "sysid/identification/predict.hpp"

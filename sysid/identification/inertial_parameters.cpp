@@ -12,7 +12,7 @@
 #include <Eigen/SVD>
 #include <fmt/format.h>
 
-#include "sysid/identification/arm_regressor.hpp"
+#include "sysid/identification/equations.hpp"
 #include "sysid/identification/mounting.hpp"
 
 namespace multipanda {

@@ -1,5 +1,3 @@
-#include "sysid/identification/linear_fit.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <span>
@@ -10,9 +8,9 @@
 #include <Eigen/QR>
 #include <fmt/format.h>
 
-#include "sysid/identification/arm_regressor.hpp"
 #include "sysid/identification/equations.hpp"
 #include "sysid/identification/filtered_log.hpp"
+#include "sysid/identification/identify.hpp"
 #include "sysid/identification/inertial_parameters.hpp"
 
 namespace multipanda {

@@ -7,7 +7,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "sysid/identification/arm_regressor.hpp"
+#include "sysid/identification/equations.hpp"
 #include "sysid/identification/identify.hpp"
 #include "sysid/identification/mounting.hpp"
 #include "sysid/identification/predict.hpp"

@@ -3,7 +3,7 @@
 
 #include <fmt/format.h>
 
-#include "sysid/identification/arm_regressor.hpp"
+#include "sysid/identification/equations.hpp"
 #include "sysid/identification/identify_parts.hpp"
 
 // The arm is known and a body at its flange is not. All its ten parameters are identifiable from the last

@@ -10,8 +10,8 @@
 
 #include "core/types/statistics.hpp"
 #include "scene/build.hpp"
+#include "sysid/identification/actuation.hpp"
 #include "sysid/identification/rollouts.hpp"
-#include "sysid/identification/stretches.hpp"
 
 namespace multipanda {
 namespace {

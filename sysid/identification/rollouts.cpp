@@ -6,7 +6,6 @@
 #include <stdexcept>
 
 #include "backends/mujoco/engine.hpp"
-#include "backends/mujoco/engine_errors.hpp"
 #include "backends/simulated_arm/friction.hpp"
 #include "scene/build.hpp"
 

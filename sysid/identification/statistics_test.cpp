@@ -3,9 +3,8 @@
 #include <gtest/gtest.h>
 
 #include "core/testing/series.hpp"
-#include "sysid/identification/arm_regressor.hpp"
+#include "sysid/identification/equations.hpp"
 #include "sysid/identification/identify.hpp"
-#include "sysid/identification/linear_fit.hpp"
 #include "sysid/identification/testing/simulated_log.hpp"
 
 namespace multipanda::statistics_test {

@@ -1,7 +1,7 @@
-#include "sysid/identification/stretches.hpp"
-
 #include <algorithm>
 #include <cmath>
+
+#include "sysid/identification/actuation.hpp"
 
 namespace multipanda {
 namespace {

@@ -6,9 +6,9 @@
 #include <Eigen/Dense>
 
 #include "backends/mujoco/surface_contact.hpp"
+#include "sysid/identification/actuation.hpp"
 #include "sysid/identification/rollout_fit.hpp"
 #include "sysid/identification/rollouts.hpp"
-#include "sysid/identification/stretches.hpp"
 
 namespace multipanda {
 namespace {

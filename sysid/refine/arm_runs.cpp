@@ -1,5 +1,3 @@
-#include "sysid/refine/arm_runs.hpp"
-
 #include <algorithm>
 #include <atomic>
 #include <chrono>
@@ -20,6 +18,7 @@
 #include "runtime/session.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
+#include "sysid/refine/refine.hpp"
 
 namespace multipanda {
 namespace {

@@ -1,5 +1,3 @@
-#include "sysid/refine/excitation_run.hpp"
-
 #include <cmath>
 #include <filesystem>
 #include <numbers>
@@ -14,6 +12,7 @@
 #include "scene/load.hpp"
 #include "scene/rewrite.hpp"
 #include "sysid/excitation/excitation.hpp"
+#include "sysid/refine/refine.hpp"
 
 namespace multipanda {
 namespace {

@@ -14,7 +14,6 @@
 #include "models/write_robot.hpp"
 #include "scene/build.hpp"
 #include "scene/rewrite.hpp"
-#include "sysid/refine/excitation_run.hpp"
 #include "sysid/refine/tool_place.hpp"
 
 namespace multipanda {

@@ -1,25 +1,73 @@
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <nlohmann/json.hpp>
 
+#include "core/modes/registry.hpp"
 #include "experiments/experiment.hpp"
 #include "models/robot_description.hpp"
 #include "scene/scene.hpp"
 #include "sysid/comparison/compare.hpp"
+#include "sysid/excitation/excitation_motion.hpp"
 #include "sysid/measured/measured_log.hpp"
-#include "sysid/refine/arm_runs.hpp"
+
+namespace multipanda {
+
+// The arms to be modeled. They return only logs.
+struct RefineTarget {
+  std::optional<std::uint64_t> hidden;  // virtual arms of another process, drawn from this seed
+  // Adds properties that no identified model can express: elastic joints (10,000 N m/rad on average) measured
+  // at their motors, gear ripple (0.2 N m), and half of the rotors' inertia.
+  bool motors = false;
+  std::vector<std::pair<std::string, std::string>> addresses;  // otherwise real arms: name, address
+  // Otherwise virtual arms of this process, whose models are in these files (arm -> file): for tests.
+  std::map<std::string, std::string> known;
+
+  std::string words() const;  // human-readable: "hidden plants of seed 3"
+};
+
+// One run of a scene.
+struct ArmRun {
+  std::string name;        // of the log
+  std::string scene;       // text; relative paths in it start at RunSettings::scene_path's folder
+  bool on_target = false;  // otherwise in simulation
+};
+
+struct RunSettings {
+  RefineTarget target;
+  std::string scene_path;
+  std::filesystem::path program;  // multipanda itself, for hidden plants
+  std::filesystem::path logs;     // existing folder for NAME.mcap
+  std::size_t workers = 2;        // parallel runs; real arms: one
+  const std::atomic<bool>* stop = nullptr;
+};
+
+struct ArmRunResult {
+  std::string name;
+  std::filesystem::path log;
+  std::vector<std::string> faults;  // failures; empty: none
+  double time_s = 0, elapsed_s = 0;
+};
+
+// Executes all runs, in any order and in parallel; results are in the order of `runs`. Calls `finished` after
+// each run, never concurrently. If stopped, there are fewer results than runs. Rethrows the exception of the
+// first failed run.
+std::vector<ArmRunResult> run_all(const std::vector<ArmRun>& runs, const RunSettings& settings,
+                                  const std::function<void(const ArmRunResult&)>& finished = {});
 
 // Adapts a task's simulation to its arms (docs/identification.md): runs the task on the arms and in
 // simulation and compares; runs an exciting motion on the arms and identifies a model of each; simulates the
 // task with these models and compares again.
-namespace multipanda {
 
 struct RefineOptions {
   RefineTarget target;
@@ -94,5 +142,36 @@ RefinedArm identify_arm(const SceneArm& arm, const RobotDescription& prior, std:
                         const ArmModelOptions& options);
 
 std::string in_words(const RefinedArm& arm);  // one human-readable line
+
+// The motion of the first arm in an excitation's scene file (written by `excite`).
+struct ExcitationFile {
+  std::string path;
+  ExcitationMotion motion;
+  double max_speed = 0;  // speed that the input must allow [rad/s]
+};
+// Throws ConfigError, or std::invalid_argument if the scene has no motion of joints.
+ExcitationFile read_excitation(const std::string& path, const Registry& registry);
+
+// The shipped excitation for a model: experiments/scenes/excitation_MODEL.yaml. Throws std::invalid_argument
+// if there is none.
+std::string excitation_path(const std::string& model);
+
+// A run in which the arms of a scene perform their excitations in turn; of the other objects only floors
+// remain. Arms that stand close together face away from each other by turning their first joint, also while
+// they wait.
+struct ExcitationRun {
+  std::string scene;  // text
+  struct Window {
+    std::string arm;
+    double begin = 0, end = 0;  // of its motion, in the log's time [s]
+  };
+  std::vector<Window> windows;
+};
+// `excitations`: one per arm. Throws std::invalid_argument for an arm that cannot face away within its range.
+ExcitationRun excitation_run(const Scene& scene, const std::vector<ExcitationFile>& excitations,
+                             const std::vector<RobotDescription>& robots, std::uint64_t seed);
+
+// Moves the arms to the scene's start from any position: for real arms, before a task.
+std::string approach_scene(const Scene& scene);
 
 }  // namespace multipanda

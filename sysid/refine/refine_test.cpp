@@ -10,7 +10,6 @@
 #include "models/write_robot.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
-#include "sysid/refine/excitation_run.hpp"
 
 namespace multipanda::refine_test {
 namespace {

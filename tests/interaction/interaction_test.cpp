@@ -4,7 +4,6 @@
 
 #include "core/testing/series.hpp"
 #include "tests/interaction/figures.hpp"
-#include "tests/interaction/passivity.hpp"
 
 namespace multipanda::trial::interaction_test {
 namespace {

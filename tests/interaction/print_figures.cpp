@@ -4,7 +4,6 @@
 #include <cstdio>
 
 #include "tests/interaction/figures.hpp"
-#include "tests/interaction/passivity.hpp"
 #include "tests/interaction/trial_arguments.hpp"
 
 using namespace multipanda;

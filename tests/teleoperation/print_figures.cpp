@@ -3,8 +3,8 @@
 
 #include <fmt/format.h>
 
-#include "tests/teleoperation/figures.hpp"
 #include "tests/teleoperation/pairs.hpp"
+#include "tests/teleoperation/trial.hpp"
 
 int main() {
   using namespace multipanda;

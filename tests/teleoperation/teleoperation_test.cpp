@@ -7,7 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "core/testing/series.hpp"
-#include "tests/teleoperation/figures.hpp"
+#include "tests/teleoperation/trial.hpp"
 
 namespace multipanda::teleoperation {
 namespace {

@@ -6,7 +6,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "arm_interface/request_patience.hpp"
+#include "arm_interface/arm_interface.hpp"
 #include "ros/adapter/adapter_part.hpp"
 #include "ros/rcl/executor.hpp"
 

@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "core/modes/request.hpp"
 #include "runtime/request_text.hpp"
 

@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "ros/adapter/compat/measured_arms.hpp"
 #include "ros/adapter/compat/numbers.hpp"
 #include "ros/adapter/names.hpp"

@@ -8,7 +8,7 @@
 
 #include <fmt/format.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 
 namespace multipanda::ros {
 namespace {

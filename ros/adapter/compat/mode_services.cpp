@@ -9,7 +9,7 @@
 
 #include <fmt/format.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "core/modes/request.hpp"
 #include "ros/adapter/compat/numbers.hpp"
 #include "ros/adapter/controllets/parameter_services.hpp"

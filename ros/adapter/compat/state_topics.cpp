@@ -1,6 +1,6 @@
 #include <map>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "ros/adapter/compat/state_fields.hpp"
 #include "ros/adapter/topic.hpp"
 

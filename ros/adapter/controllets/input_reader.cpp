@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "ros/adapter/names.hpp"
 
 namespace multipanda::ros {

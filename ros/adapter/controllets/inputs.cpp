@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/controllets/mode_services.hpp"
 #include "ros/adapter/controllets/parameter_services.hpp"

@@ -4,7 +4,7 @@
 
 #include <fmt/format.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "core/modes/mailbox.hpp"
 #include "ros/rcl/rcl.hpp"
 #include "runtime/request_text.hpp"

@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-#include "common/spelling.hpp"
+#include "common/text.hpp"
 #include "runtime/request_text.hpp"
 
 namespace multipanda::ros {

@@ -8,7 +8,7 @@
 
 #include <fmt/format.h>
 
-#include "arm_interface/request_patience.hpp"
+#include "arm_interface/arm_interface.hpp"
 #include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/arms/arm_requests.hpp"
 #include "ros/adapter/names.hpp"

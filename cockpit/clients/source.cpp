@@ -1,4 +1,4 @@
-#include "cockpit/clients/frames.hpp"
+#include "cockpit/clients/source.hpp"
 
 #include <array>
 #include <bit>

@@ -1,4 +1,5 @@
-#include "backends/mujoco/engine_errors.hpp"
+
+#include "backends/mujoco/engine.hpp"
 
 #include <array>
 #include <atomic>
@@ -8,7 +9,6 @@
 #include <cstring>
 #include <mutex>
 
-#include "backends/mujoco/engine.hpp"
 #include "common/own_files.hpp"
 
 namespace multipanda {

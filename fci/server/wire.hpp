@@ -1,8 +1,13 @@
 #pragma once
 
+#include <optional>
+
+#include "arm_interface/arm_interface.hpp"
 #include "backends/simulated_arm/simulated_arm.hpp"
+#include "core/cycle/backend.hpp"
+#include "fci/wire/commands.hpp"
+#include "fci/wire/requests.hpp"
 #include "fci/wire/robot_state.hpp"
-#include "fci/wire/versions.hpp"
 #include "models/robot_description.hpp"
 #include "scene/scene.hpp"
 
@@ -44,5 +49,25 @@ bool is_transform(const std::array<double, 16>& column_major);
 // The declarations of a scene's arm: its mounting, hand and tool as in a real arm's settings, and the version
 // of its `fci` or those of its generation. Throws std::invalid_argument.
 FixedConfig fixed_config(const SceneArm& arm);
+
+// Requests of the wire as requests to the arm. None: an argument is not finite or outside of Franka's
+// documented range.
+
+std::optional<ArmRequest> arm_request(const SetCollisionBehaviorRequest& request);
+std::optional<ArmRequest> arm_request(const SetJointImpedanceRequest& request);
+std::optional<ArmRequest> arm_request(const SetCartesianImpedanceRequest& request);
+std::optional<ArmRequest> arm_request(const SetGuidingModeRequest& request);
+std::optional<ArmRequest> arm_request(const SetEEToKRequest& request);
+// X_FNE: the arm's nominal end effector in the flange.
+std::optional<ArmRequest> arm_request(const SetNEToEERequest& request, const Pose& X_FNE);
+std::optional<ArmRequest> arm_request(const SetLoadRequest& request);
+
+// The motion that a Move requests.
+MotionRequest motion_request(const MoveRequest& request);
+
+void fill(InterfaceCommand& command, const RobotCommand& from);
+
+Status status_of(MotionStart start);
+Status status_of(MotionEnd end);
 
 }  // namespace multipanda::fci
