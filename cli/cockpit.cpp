@@ -9,7 +9,7 @@
 #include "cli/program.hpp"
 #include "cli/report.hpp"
 #include "cli/run_session.hpp"
-#include "common/signals.hpp"
+#include "common/process.hpp"
 
 // `multipanda cockpit` shows recorded logs like a run with `run --cockpit` (docs/cockpit.md).
 namespace multipanda::cli {

@@ -10,7 +10,7 @@
 #include "cli/program.hpp"
 #include "commission/tour.hpp"
 #include "common/machine.hpp"
-#include "common/signals.hpp"
+#include "common/process.hpp"
 #include "report/page_script.hpp"
 #include "runtime/backends.hpp"
 #include "scene/build.hpp"

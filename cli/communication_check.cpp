@@ -6,7 +6,7 @@
 
 #include "cli/console.hpp"
 #include "cli/program.hpp"
-#include "common/signals.hpp"
+#include "common/process.hpp"
 #include "doctor/arm_stream.hpp"
 #include "doctor/examination.hpp"
 

@@ -8,7 +8,7 @@
 
 #include "cli/console.hpp"
 #include "cli/program.hpp"
-#include "common/signals.hpp"
+#include "common/process.hpp"
 #include "sysid/excitation/excitation.hpp"
 
 // `multipanda excite` finds a motion that makes the parameters of an arm identifiable

@@ -10,7 +10,7 @@
 #include "cli/reduced_run.hpp"
 #include "common/machine.hpp"
 #include "common/person.hpp"
-#include "common/signals.hpp"
+#include "common/process.hpp"
 #include "common/text.hpp"
 #include "experiments/kinds.hpp"
 #include "logs/recorder.hpp"

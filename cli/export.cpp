@@ -8,7 +8,7 @@
 #include "cli/program.hpp"
 #include "cli/report.hpp"
 #include "models/write_robot.hpp"
-#include "report/lerobot.hpp"
+#include "report/report.hpp"
 
 namespace multipanda::cli {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "cli/channel_arguments.hpp"
 #include "cli/console.hpp"
-#include "common/signals.hpp"
+#include "common/process.hpp"
 #include "common/text.hpp"
 #include "motion_generators/publish.hpp"
 

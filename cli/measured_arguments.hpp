@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "cli/program.hpp"
-#include "sysid/identification/mounting.hpp"
+#include "sysid/identification/identify.hpp"
 
 namespace multipanda::cli {
 

@@ -9,7 +9,7 @@
 #include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "common/machine.hpp"
-#include "common/signals.hpp"
+#include "common/process.hpp"
 #include "logs/recorder.hpp"
 
 // `multipanda refine` adapts the simulation of a task to its arms (docs/identification.md).

@@ -1,9 +1,8 @@
-#include "logs/repair.hpp"
-
 #include <fmt/format.h>
 
 #include "cli/program.hpp"
 #include "cli/report.hpp"
+#include "logs/export.hpp"
 
 namespace multipanda::cli {
 

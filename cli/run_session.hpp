@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "cli/console.hpp"
-#include "common/signals.hpp"
+#include "common/process.hpp"
 #include "runtime/session.hpp"
 
 namespace multipanda::cli {

@@ -4,7 +4,7 @@
 
 #include "cli/channel_arguments.hpp"
 #include "cli/console.hpp"
-#include "common/signals.hpp"
+#include "common/process.hpp"
 #include "motion_generators/via_points/via_plan.hpp"
 
 // `multipanda via-points` publishes motions through via points in a separate

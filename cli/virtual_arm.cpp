@@ -13,7 +13,7 @@
 #include "cli/cockpit_link.hpp"
 #include "cli/console.hpp"
 #include "cli/program.hpp"
-#include "common/signals.hpp"
+#include "common/process.hpp"
 #include "common/text.hpp"
 #include "fci/server/virtual_arms.hpp"
 #include "scene/build.hpp"

@@ -13,7 +13,6 @@
 #include "core/types/statistics.hpp"
 #include "doctor/arm_stream.hpp"
 #include "doctor/examination.hpp"
-#include "doctor/network.hpp"
 #include "fci/client/arm_connection.hpp"
 #include "fci/client/arm_packet.hpp"
 #include "fci/client/fci_backend.hpp"

@@ -1,4 +1,5 @@
 #include <csignal>
+#include <cstdlib>
 #include <filesystem>
 #include <sys/wait.h>
 #include <thread>
@@ -7,11 +8,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "common/child_process.hpp"
 #include "common/machine.hpp"
-#include "common/signals.hpp"
+#include "common/own_files.hpp"
+#include "common/process.hpp"
 
 namespace multipanda {
+
 namespace {
 
 using testing::HasSubstr;
@@ -134,4 +136,45 @@ TEST(Machine, DescribesWhatAMeasurementNeeds) {
 }
 
 }  // namespace
+
+namespace {
+
+namespace fs = std::filesystem;
+
+// These are programs of a build; tests/packages has installed ones.
+class OwnFiles : public testing::Test {
+ protected:
+  void SetUp() override {
+    unsetenv("MULTIPANDA_SHARE");
+    unsetenv("MULTIPANDA_PYTHON");
+  }
+  void TearDown() override { SetUp(); }
+};
+
+TEST_F(OwnFiles, OfABuildAreTheSourceFolder) {
+  EXPECT_EQ(share_folder(), fs::canonical(MULTIPANDA_SOURCE_DIR));
+}
+
+TEST_F(OwnFiles, AreWhereTheVariableSays) {
+  setenv("MULTIPANDA_SHARE", "/somewhere", 1);
+  EXPECT_EQ(share_folder(), "/somewhere");
+  setenv("MULTIPANDA_SHARE", "", 1);  // as if it were not set
+  EXPECT_EQ(share_folder(), fs::canonical(MULTIPANDA_SOURCE_DIR));
+}
+
+TEST_F(OwnFiles, PagesAreDrawnByTheBuildsEnvironment) {
+  EXPECT_TRUE(fs::exists(page_python().parent_path().parent_path() / "pyvenv.cfg")) << page_python();
+  EXPECT_EQ(page_packages_cure(), "run ./multipanda setup");
+  setenv("MULTIPANDA_PYTHON", "/usr/bin/python9", 1);
+  EXPECT_EQ(page_python(), "/usr/bin/python9");
+}
+
+TEST_F(OwnFiles, RobotDescriptionsComeFromTheBuildsEnvironment) {
+  ASSERT_EQ(python_package_folders().size(), 1u);
+  EXPECT_TRUE(fs::exists(python_package_folders().front() / "cmeel.prefix"))
+      << python_package_folders().front();
+}
+
+}  // namespace
+
 }  // namespace multipanda

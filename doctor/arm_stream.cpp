@@ -10,8 +10,8 @@
 
 #include "arm_interface/arm_error.hpp"
 #include "core/rt/thread_setup.hpp"
+#include "doctor/examination.hpp"
 #include "doctor/finding.hpp"
-#include "doctor/timing.hpp"
 #include "fci/client/arm_connection.hpp"
 #include "fci/wire/error_flags.hpp"
 

@@ -6,8 +6,6 @@
 #include "common/machine.hpp"
 #include "doctor/arm_stream.hpp"
 #include "doctor/computer.hpp"
-#include "doctor/network.hpp"
-#include "doctor/timing.hpp"
 
 namespace multipanda::doctor {
 

@@ -9,9 +9,8 @@
 
 #include "doctor/arm_stream.hpp"
 #include "doctor/computer.hpp"
+#include "doctor/examination.hpp"
 #include "doctor/finding.hpp"
-#include "doctor/network.hpp"
-#include "doctor/timing.hpp"
 
 namespace multipanda::doctor::judgments_test {
 namespace {

@@ -1,5 +1,3 @@
-#include "doctor/network.hpp"
-
 #include <algorithm>
 #include <arpa/inet.h>
 #include <array>
@@ -24,6 +22,7 @@
 
 #include "core/rt/pacer.hpp"
 #include "core/rt/thread_setup.hpp"
+#include "doctor/examination.hpp"
 
 namespace multipanda::doctor {
 namespace {

@@ -12,8 +12,6 @@
 #include "doctor/computer.hpp"
 #include "doctor/examination.hpp"
 #include "doctor/finding.hpp"
-#include "doctor/network.hpp"
-#include "doctor/timing.hpp"
 
 namespace multipanda::doctor::readers_test {
 namespace {

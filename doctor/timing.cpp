@@ -1,5 +1,3 @@
-#include "doctor/timing.hpp"
-
 #include <algorithm>
 #include <filesystem>
 #include <thread>
@@ -7,8 +5,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "common/child_process.hpp"
+#include "common/process.hpp"
 #include "core/rt/pacer.hpp"
+#include "doctor/examination.hpp"
 
 namespace multipanda::doctor {
 

@@ -8,7 +8,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "common/child_process.hpp"
+#include "common/process.hpp"
 
 namespace multipanda {
 

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include "common/child_process.hpp"
+#include "common/process.hpp"
 #include "logs/export.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"

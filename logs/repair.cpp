@@ -1,5 +1,3 @@
-#include "logs/repair.hpp"
-
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
@@ -11,6 +9,7 @@
 #include <unistd.h>
 #include <utility>
 
+#include "logs/export.hpp"
 #include "logs/mcap_format.hpp"
 #include "logs/mcap_reader.hpp"
 

@@ -1,5 +1,3 @@
-#include "logs/repair.hpp"
-
 #include <csignal>
 #include <random>
 #include <sys/resource.h>
@@ -7,6 +5,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "logs/export.hpp"
 #include "logs/mcap_reader.hpp"
 #include "logs/mcap_writer.hpp"
 #include "logs/messages.hpp"

@@ -11,7 +11,7 @@
 #include <stdexcept>
 #include <utility>
 
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 #include "models/capsule_fit.hpp"
 #include "models/from_urdf.hpp"
 #include "models/urdf_tree.hpp"

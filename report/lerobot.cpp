@@ -1,14 +1,13 @@
-#include "report/lerobot.hpp"
-
 #include <fstream>
 #include <stdexcept>
 #include <unistd.h>
 
 #include <nlohmann/json.hpp>
 
-#include "common/child_process.hpp"
 #include "common/own_files.hpp"
+#include "common/process.hpp"
 #include "logs/export.hpp"
+#include "report/report.hpp"
 #include "report/run_of_log.hpp"
 #include "scene/build.hpp"
 

@@ -4,8 +4,8 @@
 #include <stdexcept>
 #include <utility>
 
-#include "common/child_process.hpp"
 #include "common/own_files.hpp"
+#include "common/process.hpp"
 
 namespace multipanda {
 namespace {

@@ -9,10 +9,9 @@
 
 #include <nlohmann/json.hpp>
 
-#include "common/signals.hpp"
+#include "common/process.hpp"
 #include "core/types/codes.hpp"
 #include "logs/export.hpp"
-#include "logs/repair.hpp"
 #include "report/page_script.hpp"
 #include "report/run_of_log.hpp"
 

@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/types/time.hpp"
 

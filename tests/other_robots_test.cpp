@@ -15,7 +15,7 @@
 #include <gtest/gtest.h>
 
 #include "backends/simulated_arm/inverse_kinematics.hpp"
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/testing/test_arm.hpp"
 #include "core/testing/test_world.hpp"

@@ -3,7 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "yaml_reader/archive.hpp"
-#include "yaml_reader/first_lines.hpp"
+#include "yaml_reader/config_error.hpp"
 #include "yaml_reader/reference_page.hpp"
 
 namespace multipanda::config_file_test {

@@ -7,11 +7,13 @@
 #include <fstream>
 #include <numbers>
 #include <sstream>
+#include <utility>
 
 #include "common/text.hpp"
-#include "yaml_reader/first_lines.hpp"
+#include "yaml_reader/config_error.hpp"
 
 namespace multipanda {
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -209,5 +211,18 @@ std::string yaml_quoted(const std::string& text) {
   emitter << YAML::DoubleQuoted << text;
   return emitter.c_str();
 }
+
+namespace {
+
+std::string with_place(const SourcePlace& place, const std::string& message) {
+  std::string text = place.file;
+  if (place.line > 0) text.append(":").append(std::to_string(place.line));
+  return text.append(": ").append(message);
+}
+
+}  // namespace
+
+ConfigError::ConfigError(SourcePlace place, const std::string& message)
+    : std::invalid_argument(with_place(place, message)), place_(std::move(place)) {}
 
 }  // namespace multipanda

@@ -7,7 +7,7 @@
 #include <Eigen/Eigenvalues>
 
 #include "backends/mujoco/engine.hpp"
-#include "backends/mujoco/surface_contact.hpp"
+#include "backends/mujoco/plant.hpp"
 #include "backends/mujoco/world.hpp"
 #include "models/write_robot.hpp"
 

@@ -1,7 +1,7 @@
-#include "backends/mujoco/surface_contact.hpp"
-
 #include <cmath>
 #include <stdexcept>
+
+#include "backends/mujoco/plant.hpp"
 
 namespace multipanda {
 namespace {

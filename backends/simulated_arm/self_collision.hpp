@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "arm_interface/arm_error.hpp"
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 #include "core/model/model_terms.hpp"
 
 namespace multipanda {

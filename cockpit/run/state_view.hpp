@@ -9,7 +9,6 @@
 
 #include <nlohmann/json.hpp>
 
-#include "cockpit/view/near_pairs.hpp"
 #include "cockpit/view/scene_bodies.hpp"
 #include "core/modes/multimode_controller.hpp"
 #include "runtime/shared_records/shared_records.hpp"

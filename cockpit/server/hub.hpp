@@ -14,7 +14,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cockpit/server/control.hpp"
-#include "common/child_process.hpp"
+#include "common/process.hpp"
 #include "core/types/time.hpp"
 
 namespace multipanda::cockpit {

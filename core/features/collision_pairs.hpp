@@ -7,7 +7,7 @@
 
 #include "core/controllets/controllet.hpp"
 #include "core/features/feature.hpp"
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 
 namespace multipanda {
 
@@ -57,7 +57,7 @@ class CollisionPairs {
   }
   // Distance and closest points, in the world.
   Closest closest(std::size_t i) const;
-  // The same with points that move continuously (core/geometry/distance.hpp), from the result of
+  // The same with points that move continuously (core/geometry/shape.hpp), from the result of
   // closest(). Its distance is at most kMostLowered smaller.
   static constexpr double kMostLowered = 3 * kEven;  // of a box above a half space
   Closest smooth(std::size_t i, const Closest& exact) const;

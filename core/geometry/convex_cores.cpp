@@ -2,7 +2,7 @@
 #include <cmath>
 #include <limits>
 
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 
 namespace multipanda {
 namespace {

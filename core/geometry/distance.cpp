@@ -1,7 +1,7 @@
-#include "core/geometry/distance.hpp"
-
 #include <algorithm>
 #include <cmath>
+
+#include "core/geometry/shape.hpp"
 
 namespace multipanda {
 namespace {

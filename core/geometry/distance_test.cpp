@@ -1,11 +1,10 @@
-#include "core/geometry/distance.hpp"
-
 #include <vector>
 
 #include <coal/distance.h>
 #include <coal/shape/geometric_shapes.h>
 #include <gtest/gtest.h>
 
+#include "core/geometry/shape.hpp"
 #include "core/testing/test_arm.hpp"
 
 namespace multipanda::distance_test {

@@ -2,7 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 
 namespace multipanda {
 namespace {

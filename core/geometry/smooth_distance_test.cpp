@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 #include "core/testing/smooth_reference.hpp"
 #include "core/testing/test_arm.hpp"
 

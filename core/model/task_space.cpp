@@ -3,12 +3,15 @@
 #include <array>
 #include <cmath>
 
+#include <Eigen/Eigenvalues>
+
 #include "core/model/coupled_modes.hpp"
 #include "core/types/capacity.hpp"
 #include "core/types/spatial.hpp"
 #include "core/types/triangular.hpp"
 
 namespace multipanda {
+
 namespace {
 
 constexpr double kRounding = 1e-12;  // eps; halves the inverse at a singular value of 1e-6
@@ -119,5 +122,22 @@ JointVector Manipulability::self_motion(const Jacobian& J, const JointVector& dq
   const Eigen::Matrix<double, 6, 1> v = J.lazyProduct(dq);
   return dq - J_dual.transpose().lazyProduct(v);
 }
+
+template <typename Matrix>
+CoupledModes<Matrix>::CoupledModes(const Matrix& inertia, const Matrix& stiffness) : U(stiffness) {
+  cholesky_factor(inertia, L);
+  L.template triangularView<Eigen::StrictlyUpper>().setZero();
+  divide_by_transposed_lower(L, U);
+  U.transposeInPlace();
+  divide_by_transposed_lower(L, U);
+  const Eigen::SelfAdjointEigenSolver<Matrix> solver(U);
+  U = solver.eigenvectors();
+  k = solver.eigenvalues().cwiseMax(0.0);  // rounding may leave a mode without stiffness slightly below zero
+}
+
+template struct CoupledModes<Matrix6>;
+template struct CoupledModes<Matrix7>;
+template struct CoupledModes<Matrix12>;
+template struct CoupledModes<JointMatrix>;
 
 }  // namespace multipanda

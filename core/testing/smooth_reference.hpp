@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <utility>
 
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 
-// The definition of core/geometry/distance.hpp by search: the bodies' cores are replaced by spheres at
+// The definition of core/geometry/shape.hpp by search: the bodies' cores are replaced by spheres at
 // a(x) and b(y), and the sum of distance and preference is minimized by ternary sections. It is convex.
 namespace multipanda::test {
 

@@ -9,7 +9,6 @@
 #include "logs/export.hpp"
 #include "logs/mcap_writer.hpp"
 #include "logs/messages.hpp"
-#include "logs/repair.hpp"
 #include "logs/testing/test_messages.hpp"
 
 namespace multipanda {

@@ -9,7 +9,7 @@
 
 #include "common/text.hpp"
 #include "models/robot_description.hpp"
-#include "ros/adapter/controllets/parameter_table.hpp"
+#include "ros/adapter/controllets/parameter_services.hpp"
 #include "ros/adapter/ros_adapter.hpp"
 #include "runtime/embedded/hosted_cycle.hpp"
 #include "runtime/request_text.hpp"

@@ -8,7 +8,7 @@
 
 #include <gtest/gtest.h>
 
-#include "imported_robot.hpp"
+#include "descriptions.hpp"
 #include "tested_robot.hpp"
 
 namespace multipanda::ros2_control_tests {

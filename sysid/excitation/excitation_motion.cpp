@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 #include "models/arm_source.hpp"
 
 namespace multipanda {

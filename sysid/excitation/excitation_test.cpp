@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 #include "core/testing/dense_algebra.hpp"
 #include "core/testing/series.hpp"
 #include "core/testing/test_arm.hpp"

@@ -9,7 +9,6 @@
 #include "sysid/identification/equations.hpp"
 #include "sysid/identification/filtered_log.hpp"
 #include "sysid/identification/identify_parts.hpp"
-#include "sysid/identification/mounting.hpp"
 #include "sysid/identification/predict.hpp"
 
 namespace multipanda {

@@ -13,7 +13,7 @@
 #include <fmt/format.h>
 
 #include "sysid/identification/equations.hpp"
-#include "sysid/identification/mounting.hpp"
+#include "sysid/identification/identify.hpp"
 
 namespace multipanda {
 namespace {

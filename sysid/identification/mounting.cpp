@@ -1,11 +1,10 @@
-#include "sysid/identification/mounting.hpp"
-
 #include <cmath>
 #include <numbers>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
+#include "sysid/identification/identify.hpp"
 #include "sysid/measured/scene_model.hpp"
 
 namespace multipanda {

@@ -9,7 +9,6 @@
 
 #include "sysid/identification/equations.hpp"
 #include "sysid/identification/identify.hpp"
-#include "sysid/identification/mounting.hpp"
 #include "sysid/identification/predict.hpp"
 #include "sysid/identification/testing/simulated_log.hpp"
 

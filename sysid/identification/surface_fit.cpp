@@ -5,7 +5,7 @@
 
 #include <Eigen/Dense>
 
-#include "backends/mujoco/surface_contact.hpp"
+#include "backends/mujoco/plant.hpp"
 #include "sysid/identification/actuation.hpp"
 #include "sysid/identification/rollout_fit.hpp"
 #include "sysid/identification/rollouts.hpp"

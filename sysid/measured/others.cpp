@@ -4,8 +4,8 @@
 #include <cstdlib>
 #include <tuple>
 
-#include "common/child_process.hpp"
 #include "common/own_files.hpp"
+#include "common/process.hpp"
 #include "common/text.hpp"
 #include "logs/mcap_reader.hpp"
 #include "logs/mcap_writer.hpp"

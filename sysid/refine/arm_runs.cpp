@@ -14,7 +14,7 @@
 
 #include <fmt/format.h>
 
-#include "common/child_process.hpp"
+#include "common/process.hpp"
 #include "runtime/session.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"

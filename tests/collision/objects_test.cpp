@@ -3,7 +3,7 @@
 
 #include "backends/mujoco/mujoco_backend.hpp"
 #include "core/cycle/control_cycle.hpp"
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 #include "core/modes/registry.hpp"
 #include "scene/build.hpp"
 

@@ -5,7 +5,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 #include "core/model/model_terms.hpp"
 #include "core/testing/series.hpp"
 #include "runtime/session.hpp"

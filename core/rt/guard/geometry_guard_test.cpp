@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include "core/geometry/distance.hpp"
+#include "core/geometry/shape.hpp"
 #include "core/rt/guard/loop_guard.hpp"
 #include "core/testing/test_arm.hpp"
 

@@ -9,9 +9,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/arms/arm_requests.hpp"
 #include "ros/adapter/arms/arm_services.hpp"
-#include "ros/adapter/names.hpp"
 #include "ros/adapter/state/messages.hpp"
 
 namespace multipanda::ros {

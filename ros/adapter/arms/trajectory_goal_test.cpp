@@ -4,10 +4,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/arms/arm_requests.hpp"
 #include "ros/adapter/arms/gripper.hpp"
 #include "ros/adapter/arms/motion_actions.hpp"
-#include "ros/adapter/names.hpp"
 
 namespace multipanda::ros::trajectory_goal_test {
 namespace {

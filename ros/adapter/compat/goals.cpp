@@ -8,9 +8,9 @@
 #include <fmt/format.h>
 
 #include "common/text.hpp"
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/compat/measured_arms.hpp"
 #include "ros/adapter/compat/numbers.hpp"
-#include "ros/adapter/names.hpp"
 #include "runtime/request_text.hpp"
 
 namespace multipanda::ros {

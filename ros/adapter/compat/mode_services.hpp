@@ -8,7 +8,7 @@
 
 #include "ros/adapter/compat/controllet_names.hpp"
 #include "ros/adapter/compat/untyped.hpp"
-#include "ros/adapter/controllets/parameter_table.hpp"
+#include "ros/adapter/controllets/parameter_services.hpp"
 
 namespace multipanda::ros {
 

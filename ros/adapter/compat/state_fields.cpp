@@ -11,7 +11,7 @@
 #include "arm_interface/arm_error.hpp"
 #include "arm_interface/arm_interface.hpp"
 #include "core/record/record_fields.hpp"
-#include "ros/adapter/names.hpp"
+#include "ros/adapter/adapter_part.hpp"
 
 namespace multipanda::ros {
 namespace {

@@ -12,7 +12,7 @@
 #include "ros/adapter/controllets/input_port.hpp"
 #include "ros/adapter/controllets/inputs.hpp"
 #include "ros/adapter/controllets/mode_services.hpp"
-#include "ros/adapter/controllets/parameter_table.hpp"
+#include "ros/adapter/controllets/parameter_services.hpp"
 #include "ros/adapter/topic.hpp"
 #include "ros/rcl/executor.hpp"
 

@@ -5,7 +5,7 @@
 #include <fmt/format.h>
 
 #include "common/text.hpp"
-#include "ros/adapter/names.hpp"
+#include "ros/adapter/adapter_part.hpp"
 
 namespace multipanda::ros {
 namespace {

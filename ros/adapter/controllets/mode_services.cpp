@@ -4,9 +4,9 @@
 
 #include <fmt/format.h>
 
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/controllets/inputs.hpp"
 #include "ros/adapter/controllets/parameter_services.hpp"
-#include "ros/adapter/names.hpp"
 #include "runtime/request_text.hpp"
 
 namespace multipanda::ros {

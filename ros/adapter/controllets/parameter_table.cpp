@@ -1,5 +1,3 @@
-#include "ros/adapter/controllets/parameter_table.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <rcl_interfaces/msg/floating_point_range.hpp>
@@ -8,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "common/text.hpp"
+#include "ros/adapter/controllets/parameter_services.hpp"
 #include "runtime/request_text.hpp"
 
 namespace multipanda::ros {

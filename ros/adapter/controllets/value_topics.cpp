@@ -8,8 +8,8 @@
 #include <std_msgs/msg/float64.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
 
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/controllets/inputs.hpp"
-#include "ros/adapter/names.hpp"
 
 namespace multipanda::ros {
 namespace {

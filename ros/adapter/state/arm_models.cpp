@@ -2,7 +2,7 @@
 
 #include "logs/event_text.hpp"
 #include "models/write_robot.hpp"
-#include "ros/adapter/names.hpp"
+#include "ros/adapter/adapter_part.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::ros {

@@ -1,7 +1,7 @@
 #include "ros/adapter/state/arm_topics.hpp"
 
 #include "logs/arm_state_fields.hpp"
-#include "ros/adapter/names.hpp"
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/state/arm_messages.hpp"
 #include "ros/adapter/state/arm_models.hpp"
 #include "ros/adapter/state/messages.hpp"

@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-#include "ros/adapter/names.hpp"
+#include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/state/messages.hpp"
 
 namespace multipanda::ros {

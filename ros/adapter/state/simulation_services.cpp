@@ -11,7 +11,6 @@
 #include "arm_interface/arm_interface.hpp"
 #include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/arms/arm_requests.hpp"
-#include "ros/adapter/names.hpp"
 #include "ros/adapter/state/arm_topics.hpp"
 #include "ros/adapter/state/loop_topics.hpp"
 #include "ros/adapter/state/markers.hpp"
