@@ -24,7 +24,7 @@ struct ExperimentOptions {
   BackendOptions backend;              // `mujoco`, `virtual_arms`, or `fci`: arms that are not simulated here
   // Confirms every step of an experiment with `fci`; required there, unused otherwise.
   Person* person = nullptr;
-  // Logs of arms to show beside simulated runs (beside_log.hpp); kind `performance`: measurements inside a
+  // Logs of arms to show beside simulated runs (on_arms.hpp); kind `performance`: measurements inside a
   // controller_manager (beside_trace.hpp).
   std::vector<std::string> beside;
   bool resume = false;              // continue the interrupted experiment in `directory`: only missing runs

@@ -25,7 +25,7 @@ struct PlantOptions {
   // The timeline's `place` events wait for begin_timeline(); otherwise their time counts from construction.
   bool timeline_waits = false;
   // Sensors, the arms' own estimate of forces and friction behind the torque sensors as real arms have them
-  // (arm_sensors.hpp); not of hidden plants, which have their own.
+  // (ArmSensors); not of hidden plants, which have their own.
   bool real_sensors = false;
 };
 

@@ -13,6 +13,7 @@
 #include "fci/client/end_effector.hpp"
 #include "fci/client/state_intake.hpp"
 #include "scene/build.hpp"
+#include "scene/scene.hpp"
 
 namespace multipanda::fci {
 

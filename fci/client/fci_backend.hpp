@@ -13,7 +13,10 @@
 #include "core/state/arm_state.hpp"
 #include "fci/client/end_effector.hpp"
 #include "fci/wire/robot_state.hpp"
-#include "scene/scene.hpp"
+
+namespace multipanda {
+struct SceneArm;
+}
 
 namespace multipanda::fci {
 
