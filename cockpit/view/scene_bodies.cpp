@@ -14,15 +14,13 @@
 
 namespace multipanda::cockpit {
 
-inline nlohmann::json numbers(const Vector3& v) { return {v.x(), v.y(), v.z()}; }
-inline nlohmann::json numbers(const Quaternion& q) { return {q.w(), q.x(), q.y(), q.z()}; }
-inline nlohmann::json numbers(const JointVector& v) {
-  return std::vector<double>(v.data(), v.data() + v.size());
-}
-
 namespace {
 
 using nlohmann::json;
+
+json numbers(const Vector3& v) { return {v.x(), v.y(), v.z()}; }
+json numbers(const Quaternion& q) { return {q.w(), q.x(), q.y(), q.z()}; }
+json numbers(const JointVector& v) { return std::vector<double>(v.data(), v.data() + v.size()); }
 
 constexpr std::array<double, 4> kToolColor{0.45, 0.47, 0.5, 1};
 

@@ -63,15 +63,15 @@ std::function<bool()> switched_on(const Instance& instance, std::size_t k) {
 
 // A publisher and its message, which is reused. Publisher's thread.
 template <class M>
-struct Topic {
-  Topic(const AdapterContext& run, const std::string& name, const Doc& doc)
+struct ValueTopic {
+  ValueTopic(const AdapterContext& run, const std::string& name, const Doc& doc)
       : publisher(*run.node, name, Qos::reliable(), doc) {}
   Publisher<M> publisher;
   M message;
 };
 
 template <class M>
-auto shower(std::shared_ptr<Topic<M>> topic) {
+auto shower(std::shared_ptr<ValueTopic<M>> topic) {
   return [topic = std::move(topic)](const ReferenceSample& sample, std::int64_t stamp_ns) {
     if (topic->publisher.subscribers() == 0) return;
     stamp(topic->message.header, stamp_ns);
@@ -107,7 +107,7 @@ ValueTopics::ShowReference ValueTopics::reference_publisher(const AdapterContext
   const Doc doc{references_due_.text(run.backend->period()) + " while active",
                 "The set-point that is followed now: " + spec.doc};
   const auto make = [&]<class M>(const M& prototype) {
-    auto topic = std::make_shared<Topic<M>>(run, name, doc);
+    auto topic = std::make_shared<ValueTopic<M>>(run, name, doc);
     topic->message = prototype;
     return shower(std::move(topic));
   };
@@ -131,7 +131,7 @@ ValueTopics::ShowReference ValueTopics::reference_publisher(const AdapterContext
     case Quantity::scalar:
       break;
   }
-  auto topic = std::make_shared<Topic<std_msgs::msg::Float64>>(run, name, doc);
+  auto topic = std::make_shared<ValueTopic<std_msgs::msg::Float64>>(run, name, doc);
   return [topic](const ReferenceSample& sample, std::int64_t) {
     topic->message.data = sample.values[0];
     if (topic->publisher.subscribers() > 0) topic->publisher.publish(topic->message);
@@ -150,14 +150,14 @@ void ValueTopics::add_outputs(const AdapterContext& run, const Instance& instanc
                   k < specs.size() ? specs[k].doc : ""};
     const auto runs = switched_on(instance, k);
     if (output.size == 1) {
-      auto topic = std::make_shared<Topic<std_msgs::msg::Float64>>(run, name, doc);
+      auto topic = std::make_shared<ValueTopic<std_msgs::msg::Float64>>(run, name, doc);
       outputs_.push_back({output.offset, 1, runs, [topic](const double* values) {
                             topic->message.data = values[0];
                             if (topic->publisher.subscribers() > 0) topic->publisher.publish(topic->message);
                           }});
       continue;
     }
-    auto topic = std::make_shared<Topic<std_msgs::msg::Float64MultiArray>>(run, name, doc);
+    auto topic = std::make_shared<ValueTopic<std_msgs::msg::Float64MultiArray>>(run, name, doc);
     outputs_.push_back({output.offset, output.size, runs, [topic, n = output.size](const double* values) {
                           topic->message.data.assign(values, values + n);
                           if (topic->publisher.subscribers() > 0) topic->publisher.publish(topic->message);
