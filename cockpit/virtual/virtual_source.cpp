@@ -18,11 +18,11 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double kStill = 0.25;  // time after which the world counts as paused [s]
+constexpr double kPausedAfter = 0.25;  // time after which the world counts as paused [s]
 
-const std::vector<std::string> kCommands = {"list",        "state",     "histogram", "stop",
-                                            "resume",      "user_stop", "recover",   "place_object",
-                                            "push_object", "reset",     "fault"};
+const std::vector<std::string> kWorldCommands = {"list",        "state",     "histogram", "stop",
+                                                 "resume",      "user_stop", "recover",   "place_object",
+                                                 "push_object", "reset",     "fault"};
 
 std::vector<std::shared_ptr<const ArmModel>> models_of(const Scene& scene) {
   std::vector<std::shared_ptr<const ArmModel>> models;
@@ -129,7 +129,7 @@ json VirtualSource::slow_state() {
           {"cycle", newest_.cycle},
           {"t_s", newest_.t.seconds()},
           {"since_cycle_s", since},
-          {"paused", since > kStill},
+          {"paused", since > kPausedAfter},
           {"cycle_times_us", records_.cycle_times_us()},
           {"overruns", arms_.world_statistics().overruns},
           {"arms", arms}};
@@ -139,7 +139,7 @@ json VirtualSource::list() { return {{"version", MULTIPANDA_VERSION}, {"controll
 
 // --- requests ---
 
-std::vector<std::string> VirtualSource::commands() const { return kCommands; }
+std::vector<std::string> VirtualSource::commands() const { return kWorldCommands; }
 
 bool VirtualSource::is_open(const std::string& command) const {
   return command == "list" || command == "state" || command == "histogram" || command == "stop";
