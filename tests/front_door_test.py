@@ -415,6 +415,12 @@ class FrontDoor(unittest.TestCase):
         self.assertEqual((result.returncode, result.stdout), (0, str(elsewhere)))
         self.assertEqual(self.calls("cmake"), [])
 
+    def test_a_real_arm_is_made_ready_without_a_build(self):
+        self.assertEqual(self.call("arm", "status", "172.16.0.2").returncode, 0)
+        (call,) = self.calls("python3")
+        self.assertIn("python/multipanda/desk.py status 172.16.0.2", call)
+        self.assertFalse((self.tree / "build").exists())
+
     def test_help_sets_nothing_up(self):
         for words in ((), ("help",), ("--help",)):
             result = self.call(*words)

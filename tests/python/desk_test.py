@@ -1,0 +1,382 @@
+#!/usr/bin/env python3
+"""`multipanda arm` against a stand-in for Desk (desk_server.py) over real TLS, with a certificate made here."""
+
+import base64
+import contextlib
+import json
+import os
+import pathlib
+import pty
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import unittest
+
+import harness
+from desk_server import PASSWORD, USER, Listener, Server, certificate
+
+DESK = harness.ROOT / "python/multipanda/desk.py"
+# The command with shorter waits: what they bound is tested, not how long they are.
+QUICK = """import runpy, sys
+sys.path.insert(0, sys.argv.pop(1))
+import desk
+desk.ANSWER_S, desk.TAKE_S, desk.FCI_S, desk.POLL_S, desk.WATCH_S = 2, 2, 2, 0.05, 0.05
+sys.exit(desk.main())"""
+UNLOCKS = ("/desk/api/joints/unlock", "/desk/api/robot/open-brakes", "/api/arm/joints:unlock")
+KINDS = ("panda", "fr3", "newer")
+TAKES = {"newer": "/api/system/control-token:take"}
+
+
+class Commands(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.pems = [harness.FOLDER / "one.pem", harness.FOLDER / "other.pem"]
+        cls.prints = [":".join(re.findall("..", certificate(pem))) for pem in cls.pems]
+
+    def setUp(self):
+        self.config = harness.FOLDER / self.id().rpartition(".")[2]
+        self.said = ""
+
+    def server(self, kind, pem=0, port=0):
+        server = Server(kind, self.pems[pem], port)
+        self.addCleanup(server.close)
+        return server
+
+    def start(self, *words, password=PASSWORD, **pipes):
+        environment = {**os.environ, "XDG_CONFIG_HOME": str(self.config), "MULTIPANDA_DESK_PASSWORD": password or ""}
+        command = [sys.executable, "-B", "-c", QUICK, str(DESK.parent), *words]
+        streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **pipes}
+        child = subprocess.Popen(command, env=environment, text=True, start_new_session=True, **streams)
+        self.addCleanup(lambda: (child.kill(), child.wait()))
+        return child
+
+    def end(self, child, code):
+        """Waits for the end of a command; everything that it said, which has no secret."""
+        out, err = child.communicate(timeout=harness.PATIENCE)
+        self.assertEqual(child.returncode, code, out + err)
+        self.assertTrue(err.startswith("multipanda arm: untried on a real arm"), err)
+        for secret in (PASSWORD, json.dumps(PASSWORD)[1:-1], "secret", base64.b64encode(PASSWORD.encode()).decode()):
+            self.assertNotIn(secret, out + err)
+        self.assertNotIn("Traceback", err)
+        return out + err
+
+    def call(self, *words, code=0, **options):
+        return self.end(self.start(*words, **options), code)
+
+    def ready(self, server, *words):
+        """`arm ready`, once it is."""
+        child = self.start("ready", server.host, "--cleared", *words)
+        self.assertIn("is ready", child.stdout.readline())
+        return child
+
+    def assert_free(self, server):
+        self.assertIsNone(server.arm.holder)
+        self.assertEqual(server.arm.waiting, [])
+
+
+class Ready(Commands):
+    def test_ready_holds_control_until_a_signal(self):
+        for kind, number in zip(KINDS, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
+            with self.subTest(kind):
+                server = self.server(kind)
+                child = self.ready(server)
+                arm = server.arm
+                self.assertEqual((arm.brakes, arm.fci, arm.holder[0]), ("Unlocked", True, USER))
+                self.assertIn(arm.mode, ("Execution", None))
+                words = pathlib.Path(f"/proc/{child.pid}/cmdline").read_bytes().decode()
+                self.assertNotIn(PASSWORD, words)
+                for command in ("ready", "lock"):
+                    said = self.call(command, server.host, "--cleared", "--anyway", code=1)
+                    self.assertIn(f"'{USER}' has control", said)
+                self.assertIn("may be moving the arm", self.call("lock", server.host, code=1))
+                self.assertTrue(arm.fci)
+                child.send_signal(number)
+                self.end(child, 0)
+                self.assert_free(server)
+                self.assertEqual(arm.brakes, "Unlocked")
+                self.call("lock", server.host)
+                self.assertEqual(arm.brakes, "Locked")
+                self.assert_free(server)
+
+    def test_status_takes_no_control(self):
+        for kind in KINDS:
+            server = self.server(kind)
+            child = self.start("status", server.host)
+            out, err = child.communicate(timeout=harness.PATIENCE)
+            joints, mode = (None, None) if kind == "panda" else ("locked", "Programming")
+            expected = {"holder": None, "joints": joints, "fci": False, "mode": mode, "errors": ""}
+            self.assertEqual(json.loads(out), expected, err)
+            self.assertEqual({method for method, path, *_ in server.arm.requests if "login" not in path}, {"GET"})
+
+    def test_lock_ends_an_active_fci_only_when_told(self):
+        for kind in KINDS:
+            server = self.server(kind)
+            server.arm.brakes, server.arm.fci = "Unlocked", True
+            self.assertIn("--anyway ends the FCI", self.call("lock", server.host, code=1))
+            self.assertEqual((server.arm.brakes, server.arm.count), ("Unlocked", 0))
+            self.call("lock", server.host, "--anyway")
+            self.assertEqual((server.arm.brakes, server.arm.fci), ("Locked", False))
+            self.assert_free(server)
+
+    def test_a_signal_during_the_request_for_control_gives_it_back(self):
+        for kind in KINDS:
+            server, asked, signalled = self.server(kind), threading.Event(), threading.Event()
+
+            def slow(handler):
+                asked.set()
+                signalled.wait(harness.PATIENCE)
+
+            server.arm.hooks[TAKES.get(kind, "/admin/api/control-token/request")] = slow
+            child = self.start("ready", server.host, "--cleared")
+            self.assertTrue(asked.wait(harness.PATIENCE))
+            child.send_signal(signal.SIGTERM)
+            child.send_signal(signal.SIGINT)
+            signalled.set()
+            self.end(child, 128 + signal.SIGINT)  # the lower number first, both pending
+            self.assertEqual(server.arm.count, 1)
+            self.assertEqual(server.arm.brakes, "Locked")
+            self.assert_free(server)
+
+    def test_an_error_on_the_way_gives_control_back(self):
+        for kind in KINDS:
+            for status, advice in ((424, "release the user stop"), (500, "release the user stop"), (423, "--take")):
+                server = self.server(kind)
+                answer = lambda handler: (
+                    handler.answer(status, {"code": "UserStop", "message": f"x3\n{PASSWORD}"}) or True
+                )
+                server.arm.hooks.update(dict.fromkeys(UNLOCKS, answer))
+                said = self.call("ready", server.host, "--cleared", code=1)
+                self.assertIn(f"HTTP {status}", said)
+                self.assertIn("UserStop", said)
+                self.assertIn(advice, said)
+                self.assert_free(server)
+
+    def test_brakes_that_stay_locked_are_reported(self):
+        server = self.server("fr3")
+        server.arm.hooks["/desk/api/joints/unlock"] = lambda handler: handler.answer(200) or True
+        child = self.start("ready", server.host, "--cleared")
+        harness.until(lambda: any("unlock" in path for _, path, *_ in server.arm.requests), "the request to unlock")
+        child.send_signal(signal.SIGTERM)  # while it waits for the brakes
+        self.end(child, 128 + signal.SIGTERM)
+        self.assertFalse(server.arm.fci)
+        self.assert_free(server)
+
+    def test_control_that_was_lost_is_reported_and_not_released(self):
+        for kind in KINDS:
+            server = self.server(kind)
+            child = self.ready(server)
+            server.arm.holder = ("anna", 7, "of-anna")
+            said = self.end(child, 1)
+            self.assertIn("control was lost to 'anna'", said)
+            self.assertNotIn("not given back", said)
+            self.assertEqual(server.arm.holder[0], "anna")
+
+
+class Holders(Commands):
+    def test_another_holder_keeps_control(self):
+        for kind in KINDS:
+            server = self.server(kind)
+            server.arm.holder = ("anna\x1b[31m", 7, "of-anna")
+            for command in ("ready", "lock"):
+                said = self.call(command, server.host, "--cleared", code=1)
+                self.assertIn("'anna [31m' has control", said)
+            self.assertEqual((server.arm.holder[1], server.arm.count), (7, 0))
+
+    def test_taking_needs_the_button(self):
+        for kind in KINDS:
+            server = self.server(kind)
+            server.arm.holder = ("anna", 7, "of-anna")
+            said = self.call("lock", server.host, "--take", code=1)
+            self.assertIn("press the circle button ON THE ARM", said)
+            self.assertEqual((server.arm.holder[0], server.arm.waiting), ("anna", []))  # nothing of ours waits
+        server = self.server("panda")  # one that withdraws requests in the other way
+        server.arm.holder = ("anna", 7, "of-anna")
+        server.arm.hooks["/admin/api/control-token/request/1001"] = lambda handler: handler.answer(404) or True
+        self.call("lock", server.host, "--take", code=1)
+        self.assertEqual((server.arm.holder[0], server.arm.waiting), ("anna", []))
+        for kind in ("panda", "fr3"):
+            server = self.server(kind)
+            server.arm.holder = ("anna", 7, "of-anna")
+            child = self.start("lock", server.host, "--take")
+            harness.until(lambda: server.arm.waiting, "the request")
+            self.assertIn(
+                ("POST", "/admin/api/control-token/request?force"), [request[:2] for request in server.arm.requests]
+            )
+            server.arm.holder = server.arm.waiting.pop()  # the button
+            self.end(child, 0)
+            self.assert_free(server)
+
+    def test_control_that_cannot_be_given_back_is_an_error(self):
+        for kind in KINDS:
+            server = self.server(kind)
+            child = self.ready(server)
+            release = "/api/system/control-token:release" if kind == "newer" else "/admin/api/control-token"
+            server.arm.hooks[release] = lambda handler: (
+                handler.command in ("DELETE", "POST") and (handler.answer(503, "busy") or True)
+            )
+            child.send_signal(signal.SIGTERM)
+            self.assertIn("was not given back", self.end(child, 1))
+
+
+class Certificates(Commands):
+    def test_pinned_at_first_use_and_refused_when_changed(self):
+        server = self.server("fr3")
+        self.assertIn(self.prints[0], self.call("status", server.host))
+        self.assertNotIn("pinned", self.call("status", server.host))
+        port = server.server_port
+        server.close()
+        other = self.server("fr3", pem=1, port=port)
+        said = self.call("ready", other.host, "--cleared", code=1)
+        for text in (*self.prints, f"--certificate {self.prints[1]}"):
+            self.assertIn(text, said)
+        self.assertEqual(other.arm.requests, [])
+        self.call("status", other.host, "--certificate", self.prints[0], code=1)
+        self.assertEqual(other.arm.requests, [])
+        self.call("status", other.host, "--certificate", self.prints[1].lower().replace(":", ""))
+        self.call("status", other.host)
+
+    def test_a_wrong_password_pins_nothing(self):
+        for kind in KINDS:
+            server = self.server(kind)
+            said = self.call("status", server.host, password="hunter2", code=1)
+            self.assertIn(f"refused user '{USER}'", said)
+            self.assertNotIn("hunter2", said)
+        self.assertEqual([path for path in self.config.rglob("*") if path.is_file()], [])
+
+
+class Strangers(Commands):
+    """What is at the address is no Desk, or a broken one."""
+
+    def refused(self, host, *expected):
+        said = self.call("ready", host, "--cleared", code=1)
+        self.assertRegex(said, "|".join(expected))
+        self.assertIn("Next: ", said)
+        return said
+
+    def test_no_https(self):
+        def page(connection):
+            connection.recv(4096)
+            connection.sendall(b"HTTP/1.1 200 OK\r\n\r\n")
+            connection.close()
+
+        waiting = []
+        for what, expected in (
+            (lambda connection: connection.close(), "unreachable or not a Desk"),
+            (page, "not a Desk"),
+            (waiting.append, "did not answer within 2 s"),
+        ):
+            listener = Listener(what)
+            self.addCleanup(listener.close)
+            self.refused(listener.host, expected)
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            closed = f"127.0.0.1:{free.getsockname()[1]}"
+        self.refused(closed, "unreachable .*refused")
+        self.refused("127.0.0.1:99999", "not a Desk")
+
+    def test_answers_of_something_else(self):
+        def drip(handler):
+            with contextlib.suppress(OSError):
+                for _ in range(200):
+                    handler.wfile.write(b"H")
+                    time.sleep(0.05)
+            return True
+
+        def close(handler):
+            handler.close_connection = True
+            handler.connection.close()
+            return True
+
+        text = lambda content, **headers: lambda handler: handler.answer(200, content, **headers) or True
+        for path in ("/api/system", "/admin/api/login", "/admin/api/control-token", "/admin/api/control-token/request"):
+            for answer in (
+                text("<html>welcome</html>"),
+                text("[" * (1 << 20)),
+                text("x" * (3 << 20)),
+                text("{}"),
+                text('{"token": "a\\r\\nX-Evil: 1", "id": {}, "activeToken": 3}'),
+                text('"a; b\\r\\nX-Evil: 1"'),
+                text("[]"),
+                text(b"\xff\x00".decode("latin-1")),
+                drip,
+                close,
+            ):
+                server = self.server("fr3")
+                server.arm.hooks[path] = answer
+                child = self.start("ready", server.host, "--cleared")
+                if path == "/api/system" and answer not in (drip, close):  # says which interface there is, no more
+                    self.assertIn("is ready", child.stdout.readline())
+                    child.terminate()
+                    self.end(child, 0)
+                    continue
+                said = self.end(child, 1)
+                self.assertRegex(said, "not a Desk|did not answer within 2 s|no control within")
+                self.assertEqual(server.arm.brakes, "Locked")
+                self.assertFalse([request for request in server.arm.requests if "X-Evil" in request[2]])
+
+    def test_a_redirect_is_not_followed(self):
+        elsewhere = Listener(lambda connection: connection.close())
+        self.addCleanup(elsewhere.close)
+        for path in ("/api/system", "/admin/api/login"):
+            for status in (301, 302, 307, 308):
+                server = self.server("panda")
+                server.arm.hooks[path] = lambda handler: (
+                    handler.answer(status, "", Location=f"https://{elsewhere.host}/{PASSWORD[:4]}") or True
+                )
+                self.refused(server.host, f"redirects to 'https://{elsewhere.host}")
+        self.assertEqual(elsewhere.connections, 0)
+
+
+class Passwords(Commands):
+    def test_from_a_prompt_that_does_not_echo(self):
+        server = self.server("fr3")
+        master, slave = pty.openpty()
+        self.addCleanup(os.close, master)
+        child = self.start("status", server.host, password=None, stdin=slave, preexec_fn=lambda: take_terminal(slave))
+        os.close(slave)
+        shown = b""
+        while b"Password of 'admin' for" not in shown:
+            shown += os.read(master, 1000)
+        os.write(master, f"{PASSWORD}\n".encode())
+        self.end(child, 0)
+        os.set_blocking(master, False)
+        with contextlib.suppress(OSError):
+            shown += os.read(master, 1000)
+        self.assertNotIn(PASSWORD, shown.decode())
+
+    def test_without_one(self):
+        self.assertIn("MULTIPANDA_DESK_PASSWORD", self.call("status", "127.0.0.1", password=None, code=1))
+        self.assertIn("keyring", self.call("status", "127.0.0.1", "--keyring", password=None, code=1))
+
+    def test_on_the_command_line_is_refused_and_not_repeated(self):
+        for words in (
+            ["status", f"{USER}:{PASSWORD}@127.0.0.1"],
+            ["status", "127.0.0.1", PASSWORD],
+            ["status", "127.0.0.1", f"--password={PASSWORD}"],
+            ["status", "127.0.0.1", "--password", PASSWORD],
+            ["status", f"https://127.0.0.1/{PASSWORD}"],
+        ):
+            child = self.start(*words, password=None)
+            out, err = child.communicate(timeout=harness.PATIENCE)
+            self.assertIn(child.returncode, (1, 2))
+            self.assertNotIn(PASSWORD, out + err)
+            self.assertRegex(err, "HOST|unexpected")
+
+    def test_somebody_in_reach_ends_it(self):
+        server = self.server("fr3")
+        self.assertIn("nobody is in reach", self.call("ready", server.host, code=1))
+        self.assertEqual(server.arm.requests, [])
+
+
+def take_terminal(slave):
+    import fcntl
+    import termios
+
+    fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
+
+
+if __name__ == "__main__":
+    unittest.main()
