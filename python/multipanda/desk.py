@@ -1,7 +1,6 @@
 """`multipanda arm`: unlocks an arm's joints, activates its FCI and locks it again, by the web interface of its Desk.
 
-A program of its own, of the standard library alone; nothing in it moves an arm. Where its knowledge of the interface
-comes from: docs/real_arms.md#ready-by-command.
+A program of its own, which moves no arm. Whence it knows the interface: docs/real_arms.md#ready-by-command.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ import urllib.parse
 from collections.abc import Callable, Iterator
 from typing import Any
 
-LARGEST = 1 << 20  # bytes of an answer
 ANSWER_S, BRAKES_S, FCI_S, TAKE_S, POLL_S, WATCH_S = 10, 60, 15, 30, 0.5, 5  # brakes open within about 10 s
 ENDINGS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 REACH = "check power, cable and address, and that a browser shows the arm's Desk there"
@@ -101,8 +99,8 @@ class Web:
         text = "a page instead of an answer" if text.lstrip().startswith("<") else text
         return "".join(letter if letter.isprintable() else " " for letter in text)[:200].strip()
 
-    def _check(self, certificate: bytes | None) -> None:
-        found = fingerprint(hashlib.sha256(certificate or b"").hexdigest())
+    def _check(self, certificate: bytes) -> None:
+        found = fingerprint(hashlib.sha256(certificate).hexdigest())
         if self.expected not in (None, found):
             cause = f"the certificate of {self.host} has changed; nothing was sent\n  expected {self.expected}"
             advice = (
@@ -113,6 +111,7 @@ class Web:
 
     def exchange(self, request: str, body: str | None, headers: dict[str, str], limit_s: float) -> tuple[int, str]:
         """Status and text of the answer. A redirect is refused: nothing is ever sent elsewhere."""
+        method, path = request.split()
 
         def late(*_: object) -> None:
             raise DeskError(f"{self.host} did not answer within {limit_s:g} s", REACH)
@@ -122,12 +121,12 @@ class Web:
         try:
             with socket.create_connection(self.address) as raw:
                 with self.context.wrap_socket(raw, server_hostname=self.address[0]) as secure:
-                    self._check(secure.getpeercert(True))
+                    self._check(secure.getpeercert(True) or b"")
                     link = http.client.HTTPConnection("arm")  # its name is in the header Host
                     link.sock = secure
-                    link.request(*request.split(), body, {"Host": self.host, "Connection": "close", **headers})
+                    link.request(method, path, body, {"Host": self.host, "Connection": "close", **headers})
                     answer = link.getresponse()
-                    text = answer.read(LARGEST).decode("utf-8", "replace")
+                    text = answer.read(1 << 20).decode("utf-8", "replace")
         except (OSError, OverflowError, http.client.HTTPException) as wrong:
             name = getattr(wrong, "strerror", None) or type(wrong).__name__
             raise DeskError(f"{self.host} is unreachable or not a Desk ({name})", REACH) from None
@@ -185,19 +184,21 @@ class Desk:
         if not isinstance(token, dict) or not (self.newer or "activeToken" in token):
             raise DeskError(f"{self.web.host} is not a Desk: it does not tell who has control", OTHER)
         if self.newer:
-            owner, brakes, fci = token.get("owner"), self.call("GET /api/arm/joints"), self.call("GET /api/fci")
-            token_id, fci = token.get("tokenId") or owner, dig(fci, "status") and dig(fci, "status") == "Active"
+            brakes, fci = self.call("GET /api/arm/joints"), self.call("GET /api/fci")
+            owner, token_id = token.get("owner"), token.get("tokenId") or token.get("owner")
+            held, fci = token_id not in (None, ""), dig(fci, "status") and dig(fci, "status") == "Active"
             mode = dig(self.call("GET /api/system/operating-mode"), "status")
             errors = dig(self.call("GET /api/safety/recovery", optional=True), "recovery", "type")
         else:
             told = self.call("GET /admin/api/system-status", optional=True)  # a Panda has none
             owner, token_id = (dig(token, "activeToken", key) for key in ("ownedBy", "id"))
-            fci, mode = dig(token, "fciActive"), dig(told, "derived", "operatingMode")
+            held, fci = token["activeToken"] is not None, token.get("fciActive")
+            mode = dig(told, "derived", "operatingMode")
             brakes, errors = dig(told, "safety", "brakeState"), dig(told, "robot", "robotErrors")
-        brakes = brakes if isinstance(brakes, list) else []
-        kinds = {"unlocked" if "Unlocked" in (brake, dig(brake, "brakeStatus")) else "locked" for brake in brakes}
+        brakes = [dig(brake, "brakeStatus") or brake for brake in brakes] if isinstance(brakes, list) else []
+        kinds = {"unlocked" if brake == "Unlocked" else "locked" for brake in brakes}
         return {
-            "holder": None if token_id is None and not owner else self.web.clean(owner or "somebody"),
+            "holder": self.web.clean(owner or "somebody") if held else None,
             "token_id": None if token_id is None else str(token_id),
             "joints": None if not kinds else kinds.pop() if len(kinds) == 1 else "partly locked",
             **{"fci": fci, "mode": mode, "errors": self.web.clean(errors) if errors else ""},

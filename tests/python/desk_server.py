@@ -125,9 +125,11 @@ class Handler(http.server.BaseHTTPRequestHandler):
                 arm.holder = arm.waiting.pop()
             return self.answer(200, {"token": token[2], "id": token[1]})
         if request.startswith("DELETE /admin/api/control-token/request/"):
-            return self.withdraw(arm, lambda token: str(token[1]) == self.plain.rpartition("/")[2])
-        if request == "DELETE /admin/api/control-token" and not arm.own(self.headers):
-            return self.withdraw(arm, lambda token: token[2] == json.loads(self.body)["token"])
+            return self.withdraw(
+                arm, lambda token: arm.kind == "fr3" and str(token[1]) == self.plain.rpartition("/")[2]
+            )
+        if request == "DELETE /admin/api/control-token" and not arm.own(self.headers):  # as other clients do
+            return self.withdraw(arm, lambda token: arm.kind == "panda" and token[2] == json.loads(self.body)["token"])
         if self.command == "GET":
             return self.answer(404, f'<html>No handler accepted "{self.plain}"</html>')
         if not arm.own(self.headers):
