@@ -12,7 +12,7 @@
 #include "runtime/live_input/socket_path.hpp"
 
 // Commands that are programs of python/multipanda: `bridge`, the far end of a client on another computer,
-// started there by ssh, and `new`.
+// started there by ssh, `new` and `arm`.
 namespace multipanda::cli {
 namespace {
 
@@ -63,6 +63,15 @@ void add_new(Program& program) {
     setenv("MULTIPANDA_PROGRAM", fs::read_symlink("/proc/self/exe").c_str(), 1);
     return run_python("new_scene.py", command->remaining());
   });
+}
+
+void add_arm(Program& program) {
+  CLI::App* command =
+      program.add("arm", "Unlock and lock a real arm's joints, activate its FCI (untried on a real arm)",
+                  "  multipanda arm ready 172.16.0.2");
+  command->set_help_flag();
+  command->prefix_command();
+  program.on(command, [command] { return run_python("desk.py", command->remaining()); });
 }
 
 }  // namespace multipanda::cli

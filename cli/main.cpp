@@ -42,6 +42,6 @@ int main(int argc, char** argv) {
                  "  multipanda demo\n"
                  "  multipanda run two_arms --seconds 10 --record runs\n"
                  "  multipanda list scenes"},
-      {add_demo, add_run, add_move, add_ctl, add_check, add_new, add_law, add_list, add_cockpit, add_report,
-       add_repair, add_export, add_virtual_arm, add_bridge, add_docs, add_lab});
+      {add_demo, add_run, add_move, add_ctl, add_check, add_new, add_arm, add_law, add_list, add_cockpit,
+       add_report, add_repair, add_export, add_virtual_arm, add_bridge, add_docs, add_lab});
 }

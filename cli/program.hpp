@@ -57,6 +57,7 @@ void add_repair(Program& program);
 void add_export(Program& program);
 void add_bridge(Program& program);
 void add_new(Program& program);
+void add_arm(Program& program);
 void add_docs(Program& program);
 void add_experiment(Program& program);
 void add_compare(Program& program);

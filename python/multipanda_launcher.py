@@ -9,8 +9,5 @@ import sys
 
 def main() -> None:
     program = os.path.join(os.path.dirname(os.path.abspath(__file__)), "multipanda", "bin", "multipanda")
-    if sys.argv[1:2] == ["arm"]:  # Python alone
-        desk = os.path.join(os.path.dirname(os.path.abspath(__file__)), "multipanda", "desk.py")
-        os.execv(sys.executable, [sys.executable, "-I", "-B", desk, *sys.argv[2:]])
     os.environ.setdefault("MULTIPANDA_PYTHON", sys.executable)
     os.execv(program, ["multipanda", *sys.argv[1:]])
