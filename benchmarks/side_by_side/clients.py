@@ -7,6 +7,7 @@ Installs pinned peers by pip and cargo into FOLDER (otherwise a temporary one) a
 measured by the clients themselves: CPU time is the scheduler's of all their threads, memory the kernel's peak, and the
 kernel's time stamps of all datagrams on the loopback interface give the time from the start of the process to its first
 answer and from a state to its answer. That needs the right to capture packets: root, or `unshare -rn` with `lo` up.
+As an arm is another computer, the client has the last core of this one and the virtual arm the others.
 """
 
 import argparse
@@ -141,8 +142,8 @@ def peak_mb(process):
     return sum(int(text.split("VmHWM:")[1].split()[0]) for text in statuses) / 1000
 
 
-def measure(words, address, seconds):
-    capture, packets = Capture(address), []
+def measure(words, address, core, seconds):
+    capture, packets, words = Capture(address), [], ["taskset", "-c", str(core), *words]
     began = time.time_ns()
     process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
@@ -280,6 +281,8 @@ def main():
         scene = folder / "side_by_side.yaml"
         scene.write_text(SCENE)
         programs, rounds = list(clients(words.build, folder, scene).items()), []
+        *others, core = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, others or [core])
         print(f"load before {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores", file=sys.stderr)
         for k in range(words.rounds):
             rounds.append({})
@@ -291,7 +294,7 @@ def main():
                     address = arms.address["arm"]
                     try:
                         figures = {MODEL: model(address)} if model else {}
-                        rounds[-1][name] = measure(hold(address), address, words.seconds) | figures
+                        rounds[-1][name] = measure(hold(address), address, core, words.seconds) | figures
                     except (RuntimeError, subprocess.SubprocessError) as error:
                         print(f"{name}: {getattr(error, 'stderr', None) or error}", file=sys.stderr)
                 print(f"round {k + 1}, {name}: {rounds[-1].get(name)}", file=sys.stderr)
