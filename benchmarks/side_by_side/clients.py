@@ -3,11 +3,11 @@
 
     python benchmarks/side_by_side/clients.py BUILD [--rounds 10] [--seconds 20] [--keep FOLDER]
 
-Installs pinned peers by pip and cargo into FOLDER (otherwise a temporary one) and says which do not install. Nothing is
-measured by the clients themselves: CPU time is the scheduler's of all their threads, memory the kernel's peak, and the
-kernel's time stamps of all datagrams on the loopback interface give the time from the start of the process to its first
-answer and from a state to its answer. That needs the right to capture packets: root, or `unshare -rn` with `lo` up.
-As an arm is another computer, the client has the last core of this one and the virtual arm the others.
+Installs pinned peers by pip and cargo into FOLDER (otherwise a temporary one) and says which do not install. Only the
+model functions are timed by the clients. CPU time is the scheduler's of all their threads, memory the kernel's peak, and
+the kernel's time stamps of all datagrams on the loopback interface give the time from the start of the process to its
+first answer and from a state to its answer. That needs the right to capture packets: root, or `unshare -rn` with `lo`
+up. As an arm is another computer, the client has the last core of this one and the virtual arm the others.
 """
 
 import argparse
@@ -156,8 +156,10 @@ def measure(words, address, core, seconds):
             packets.extend(capture.read())
 
     try:
-        patience = time.monotonic() + PATIENCE_S
-        watch(lambda: answer_times(packets) or time.monotonic() > patience)
+        end = time.monotonic() + PATIENCE_S
+        watch(lambda: answer_times(packets) or time.monotonic() > end)
+        if not answer_times(packets):
+            raise RuntimeError(f"answered no state within {PATIENCE_S} s")
         end = time.monotonic() + SETTLING_S
         watch(lambda: time.monotonic() > end)
         first, end, before = time.time_ns(), time.monotonic() + seconds, cpu_s(process.pid)
@@ -274,14 +276,17 @@ def main():
     parser.add_argument("--keep", type=pathlib.Path, metavar="FOLDER", help="where the peers are installed and stay")
     words = parser.parse_args()
     os.environ["FRANKA_REALTIME"] = "ignore"  # franka-rs: on any kernel, like the others
-    temporary = tempfile.mkdtemp(prefix="side_by_side_")
-    folder = words.keep.resolve() if words.keep else pathlib.Path(temporary)
-    folder.mkdir(parents=True, exist_ok=True)
     try:
+        Capture("127.0.0.1").close()
+    except PermissionError:
+        sys.exit("packets cannot be captured here: run it as root, or in `unshare -rn` after `ip link set lo up`")
+    *others, core = sorted(os.sched_getaffinity(0))
+    with tempfile.TemporaryDirectory(prefix="side_by_side_") as temporary:
+        folder = (words.keep or pathlib.Path(temporary)).resolve()
+        folder.mkdir(parents=True, exist_ok=True)
         scene = folder / "side_by_side.yaml"
         scene.write_text(SCENE)
         programs, rounds = list(clients(words.build, folder, scene).items()), []
-        *others, core = sorted(os.sched_getaffinity(0))
         os.sched_setaffinity(0, others or [core])
         print(f"load before {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores", file=sys.stderr)
         for k in range(words.rounds):
@@ -301,8 +306,6 @@ def main():
             shutil.rmtree(folder / "runs", ignore_errors=True)
         print(f"load after {os.getloadavg()[0]:.1f}\n", file=sys.stderr)
         print(tables(rounds))
-    finally:
-        shutil.rmtree(temporary)
 
 
 if __name__ == "__main__":
