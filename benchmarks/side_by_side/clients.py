@@ -4,10 +4,10 @@
     python benchmarks/side_by_side/clients.py BUILD [--rounds 10] [--seconds 20] [--keep FOLDER]
 
 Installs pinned peers by pip and cargo into FOLDER (otherwise a temporary one) and says which do not install. Only the
-model functions are timed by the clients. CPU time is the scheduler's of all their threads, memory the kernel's peak, and
-the kernel's time stamps of all datagrams on the loopback interface give the time from the start of the process to its
-first answer and from a state to its answer. That needs the right to capture packets: root, or `unshare -rn` with `lo`
-up. As an arm is another computer, the client has the last core of this one and the virtual arm the others.
+model functions are timed by the clients. CPU time is the scheduler's of all their threads, memory the kernel's peak,
+and the kernel's time stamps of all datagrams on the loopback interface give the time from the start of the process to
+its first answer and from a state to its answer, which needs root. As an arm is another computer, the client has the
+last core of this one and the virtual arm the others.
 """
 
 import argparse
@@ -73,6 +73,7 @@ class Capture:
     """UDP datagrams from and to an address on the loopback interface, as (time [ns], from it, first eight bytes)."""
 
     SO_ATTACH_FILTER, SO_RCVBUFFORCE, SO_TIMESTAMPNS = 26, 33, 35
+    SOL_PACKET, PACKET_STATISTICS = 263, 6
     HEADERS = 28  # IP and UDP
 
     def __init__(self, address):
@@ -110,7 +111,10 @@ class Capture:
             packets.append((whole * 10**9 + part, sent, int.from_bytes(data[self.HEADERS :], "little")))
 
     def close(self):
+        """Returns how many datagrams it has lost."""
+        _, lost = struct.unpack("II", self.socket.getsockopt(self.SOL_PACKET, self.PACKET_STATISTICS, 8))
         self.socket.close()
+        return lost
 
 
 def answer_times(packets):
@@ -173,7 +177,9 @@ def measure(words, address, core, seconds):
             process.kill()
             process.wait()
         process.stderr.close()
-        capture.close()
+        lost = capture.close()
+    if lost:
+        raise RuntimeError(f"the capture lost {lost} datagrams: the computer is too busy")
     answers = answer_times(packets)
     times = [took for at, took in answers.values() if first <= at < last]
     states = len({message for at, sent, message in packets if sent and first <= at < last})
@@ -279,7 +285,7 @@ def main():
     try:
         Capture("127.0.0.1").close()
     except PermissionError:
-        sys.exit("packets cannot be captured here: run it as root, or in `unshare -rn` after `ip link set lo up`")
+        sys.exit("packets cannot be captured: run it as root")
     *others, core = sorted(os.sched_getaffinity(0))
     with tempfile.TemporaryDirectory(prefix="side_by_side_") as temporary:
         folder = (words.keep or pathlib.Path(temporary)).resolve()
