@@ -229,7 +229,7 @@ LAYERS = [
     layer(
         "benchmarks",
         "the program behind `multipanda bench`",
-        "common core models scene logs backends/mujoco runtime python_bindings ros/rcl benchmarks/bare",
+        "common core models scene logs backends/mujoco fci/wire runtime python_bindings ros/rcl benchmarks/bare",
     ),
     layer("examples", "starting points for users, each built and run by the tests", "core fci/client ros/adapter"),
     layer("tests", "tests across folders"),

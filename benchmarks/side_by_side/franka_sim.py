@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Compares virtual arms with franka-sim by the same unmodified client: prints a table for docs/results/virtual_arms.md.
 
-    side_by_side.py PROGRAM --franka-sim PYTHON [--seconds 10]
+    franka_sim.py PROGRAM --franka-sim PYTHON [--seconds 10]
 
 PYTHON is the interpreter of a separate environment with franka-sim, which needs another version of MuJoCo. It uses this
 project's model of the FR3, because its package has none. It listens on every address of this computer, so use one
@@ -19,7 +19,7 @@ import time
 import numpy as np
 import pylibfranka as franka
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "fci"))
 from virtual_arms import VirtualArms
 
