@@ -18,7 +18,7 @@ import numpy as np
 from .client import connect
 from .errors import Error, Refused
 from .lerobot import ArmsRobot, RobotSettings, ServoLeader, ServoLeaderSettings
-from .lerobot.names import gripper_name, quantity_names
+from .lerobot.names import quantity_names
 from .model import model
 from .pedal import KEYS, Marks, Pedal
 from .rotations import Array
@@ -50,7 +50,7 @@ def calibrate(
     arm: str = "fr3",
     *,
     exact: bool = False,
-    ask: Callable[[str], object] = input,
+    prompt: Callable[[str], object] = input,
     say: Callable[[str], object] = print,
 ) -> Calibration:
     """Finds servos, order, signs and offsets of a leader with a person who turns its joints.
@@ -60,7 +60,7 @@ def calibrate(
         arm: The arm that it leads: fr3, fer or another with such joints.
         exact: Offsets as measured. By default the nearest multiple of 90 degrees, which is exact where the horns are
             mounted so, however the pose was held.
-        ask: Called with an instruction; returns when it is done.
+        prompt: Called with an instruction; returns when it is done.
         say: Called with what was found.
 
     Raises:
@@ -79,17 +79,17 @@ def calibrate(
             "check cables and supply, and give each servo a number of its own",
         )
     with ServoChain(port, baud, ids) as chain:
-        ask(f"Hold the leader in this pose: {_SHOWN}. Then press Enter.")
+        prompt(f"Hold the leader in this pose: {_SHOWN}. Then press Enter.")
         first = chain.read()
         found: list[tuple[int, int]] = []  # place in `ids` and sign of each joint
         for k, turn in enumerate(_TURNS):
-            found.append(_turned(chain, f"Joint {k + 1}: turn {turn}", [place for place, _ in found], ask, say))
+            found.append(_turned(chain, f"Joint {k + 1}: turn {turn}", [place for place, _ in found], prompt, say))
         places, signs = [place for place, _ in found], [sign for _, sign in found]
         trigger = None
         if left := [place for place in range(len(ids)) if place not in places]:
-            ask("Let go of the trigger. Then press Enter.")
+            prompt("Let go of the trigger. Then press Enter.")
             free = chain.read()[left[0]]
-            _turned(chain, "Squeeze the trigger wholly and keep it squeezed", places, ask, say)
+            _turned(chain, "Squeeze the trigger wholly and keep it squeezed", places, prompt, say)
             squeezed = free + (chain.read()[left[0]] - free + 2048) % 4096 - 2048
             trigger = [ids[left[0]], free, squeezed]
     offsets = COUNT_RAD * np.array([first[place] for place in places]) - np.array(signs) * shown
@@ -119,12 +119,12 @@ def calibrate(
 
 
 def _turned(
-    chain: ServoChain, what: str, taken: list[int], ask: Callable[[str], object], say: Callable[[str], object]
+    chain: ServoChain, what: str, taken: list[int], prompt: Callable[[str], object], say: Callable[[str], object]
 ) -> tuple[int, int]:
     """Which servo a person turns, and its sign; asks again until one has turned clearly."""
     while True:
         before = chain.read()
-        ask(f"{what}, by about 30 degrees. Then press Enter.")
+        prompt(f"{what}, by about 30 degrees. Then press Enter.")
         steps = (np.array(chain.read()) - before + 2048) % 4096 - 2048
         sizes = COUNT_RAD * np.abs(steps)
         k = int(np.argmax(sizes))
@@ -147,8 +147,8 @@ def drive(
 
     Following begins when the leaders have been still for a second, each joint within 0.3 rad of its arm's; until then
     nothing moves. The arms then go to them within the bounds of their controllets. Leaders more than 0.6 rad ahead, or
-    a silence of this process, hold the arms until they are near and still again. Everything else that is wrong holds the
-    arms and ends this function: a leader or pedal that is gone, silent, in error, or jumps; a stop, an error, another
+    a silence of this process, hold the arms until they are near and still again. All else that is wrong holds the arms
+    and ends this function: a leader or pedal that is gone, silent, in error, or jumps; a stop, an error, another
     owner of an arm.
 
     Args:
@@ -174,12 +174,9 @@ def drive(
             action = leader.read()
             for mark in pedal.read() if pedal is not None else []:
                 marks.take(mark)
-            if waits is not None:
-                if not waits.over(action, robot.client.state(), time.monotonic()):
-                    continue
-                say("the arms follow")
-                waits = None
-            lost, silences = "", robot.silences
+            if waits is not None and not waits.over(action, robot.client.state(), time.monotonic()):
+                continue
+            begins, waits, lost, silences = waits is not None, None, "", robot.silences
             try:
                 robot.act(action)
             except Refused as refused:
@@ -192,6 +189,8 @@ def drive(
                 robot.hold()
                 say(f"the arms are held: {lost}")
                 waits = _Waits(robot, say)
+            elif begins:
+                say("the arms follow")
     finally:
         robot.hold()
         marks.end()

@@ -90,7 +90,7 @@ class Pedal:
 
 
 class Marks:
-    """The episodes of a run, as a pedal marks them. `start` while one is under way is its success: one switch is enough.
+    """The episodes of a run, as a pedal marks them. `start` while one is under way is its success: one switch will do.
 
     Attributes:
         episode: The newest one.

@@ -1,4 +1,4 @@
-"""A leader arm is a chain of Dynamixel X servos (protocol 2.0): its maker's SDK reads them, a calibration makes joints."""
+"""A leader arm: a chain of Dynamixel X servos, read by their manufacturer's SDK, whose calibration makes joints."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FASTEST_RAD_PER_S, _SLACK_RAD = 15.0, 0.1  # of a joint that a hand moves
 _MARGIN_RAD = 0.05  # to the ends of the arm's ranges, as joint_follower has it
 
 
-class _Unheard(Exception):
+class _NoAnswer(Exception):
     """No valid answer."""
 
 
@@ -45,9 +45,7 @@ class ServoChain:
         ids: Numbers of the servos.
     """
 
-    def __init__(
-        self, port: str | os.PathLike[str], baud: int, ids: list[int], silence_s: float = SILENCE_S
-    ) -> None:
+    def __init__(self, port: str | os.PathLike[str], baud: int, ids: list[int], silence_s: float = SILENCE_S) -> None:
         """Opens the port and switches the torque of the servos off.
 
         Args:
@@ -73,7 +71,7 @@ class ServoChain:
         def waits_at_most(length: int) -> bytes:
             # The SDK's own timeout never comes while bytes arrive faster than it sorts them.
             if time.monotonic() > self._deadline_s + _GRACE_S:
-                raise _Unheard("answers garbage")
+                raise _NoAnswer("answers garbage")
             found: bytes = read(length)
             return found
 
@@ -129,8 +127,8 @@ class ServoChain:
                     answer: list[int] = list(getattr(self._handler, what)(self._port, number, *values))
                 *found, result, error = answer
                 self._check(result, error & ~_ALERT)
-            except _Unheard as unheard:
-                why = str(unheard)
+            except _NoAnswer as wrong:
+                why = str(wrong)
                 continue
             if error & _ALERT and values[:1] != (_HARDWARE_ERROR,):
                 self._alert(number)
@@ -139,9 +137,9 @@ class ServoChain:
 
     def _check(self, result: int, error: int) -> None:
         if result != self._sdk.COMM_SUCCESS:
-            raise _Unheard("does not answer" if result == self._sdk.COMM_RX_TIMEOUT else "answers garbage")
+            raise _NoAnswer("does not answer" if result == self._sdk.COMM_RX_TIMEOUT else "answers garbage")
         if error:
-            raise _Unheard(f"answers with error {error}")
+            raise _NoAnswer(f"answers with error {error}")
 
     def _alert(self, number: int) -> NoReturn:
         (bits,) = self._tell(number, "read1ByteTxRx", _HARDWARE_ERROR)
@@ -158,11 +156,11 @@ class ServoChain:
         try:
             with self._present():
                 found, _ = self._handler.broadcastPing(self._port)
-        except _Unheard:
+        except _NoAnswer:
             return []
         return sorted(found)
 
-    def ask(self) -> None:
+    def request(self) -> None:
         """Asks all servos at once for their positions; answer() waits for them."""
         self._asked_s = time.monotonic()
         self._deadline_s = self._asked_s + self._silence_s
@@ -190,11 +188,11 @@ class ServoChain:
                     if error & _ALERT:
                         alerts.append(number)  # the others have to be heard first: they share the wire
                     elif len(data) != 4:
-                        raise _Unheard("answers garbage")
+                        raise _NoAnswer("answers garbage")
                     found.append(int.from_bytes(bytes(data), "little", signed=True))
-            except _Unheard as unheard:
+            except _NoAnswer as wrong:
                 if time.monotonic() >= self._deadline_s:
-                    raise self._lost(number, unheard) from None
+                    raise self._lost(number, wrong) from None
                 self._send()
                 continue
             if alerts:
@@ -202,8 +200,8 @@ class ServoChain:
             return found
 
     def read(self) -> list[int]:
-        """ask() and answer(), whose errors it raises."""
-        self.ask()
+        """request() and answer(), whose errors it raises."""
+        self.request()
         return self.answer()
 
     def close(self) -> None:
@@ -226,7 +224,7 @@ def find_servos(port: str | os.PathLike[str]) -> tuple[int, list[int]]:
             if found := chain.scan(baud):
                 return baud, found
     rates = ", ".join(map(str, _BAUDS))
-    raise Disconnected(f"no servo answers at {port} ({rates} baud)", "check the supply and the cable of the first servo")
+    raise Disconnected(f"no servo answers at {port} ({rates} baud)", "check supply and cable of the first servo")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -259,28 +257,31 @@ class Calibration:
     def load(cls, path: str | os.PathLike[str]) -> Calibration:
         """Reads a file. Raises Refused if it is not one of a leader."""
         try:
-            data = json.loads(pathlib.Path(path).read_text(encoding="utf-8"))
-            found = cls(**data)
-            found._check()
+            found = cls(**json.loads(pathlib.Path(path).read_text(encoding="utf-8")))
+            fault = found._fault()
         except (OSError, ValueError, TypeError) as wrong:
+            fault = str(wrong)
+        if fault:
             step = "python -m multipanda.leader calibrate PORT FILE makes one"
-            raise Refused("malformed", f"{os.fspath(path)} is no calibration of a leader: {wrong}", step) from None
+            raise Refused("malformed", f"{os.fspath(path)} is no calibration of a leader: {fault}", step)
         return found
 
-    def _check(self) -> None:
+    def _fault(self) -> str:
+        """What is wrong; empty: nothing. Raises as numpy does for words in place of numbers."""
         numbers = np.array([self.signs, self.offsets_rad, self.q_min_rad, self.q_max_rad], dtype=np.float64)
         if numbers.shape != (4, len(self.ids)) or not self.ids:
-            raise ValueError("ids, signs, offsets_rad, q_min_rad, q_max_rad need one number per joint")
+            return "ids, signs, offsets_rad, q_min_rad, q_max_rad need one number per joint"
         if not np.all(np.isfinite(numbers)) or not np.all(np.abs(numbers[0]) == 1):
-            raise ValueError("expected finite numbers, and signs of 1 or -1")
+            return "expected finite numbers, and signs of 1 or -1"
         if not np.all(numbers[2] < numbers[3]):
-            raise ValueError("expected q_min_rad below q_max_rad")
+            return "expected q_min_rad below q_max_rad"
         if self.trigger is not None and (len(self.trigger) != 3 or self.trigger[1] == self.trigger[2]):
-            raise ValueError("trigger: expected its servo and two different counts")
+            return "trigger: expected its servo and two different counts"
         if not all(isinstance(k, int) for k in [self.baud, *self.servos, *(self.trigger or [])]):
-            raise ValueError("expected whole numbers of baud, ids and trigger")
+            return "expected whole numbers of baud, ids and trigger"
         if len(set(self.servos)) != len(self.servos):
-            raise ValueError("a servo is named twice")
+            return "a servo is named twice"
+        return ""
 
     @property
     def servos(self) -> list[int]:
@@ -306,7 +307,7 @@ class Angles:
         self._middle, self._ids, self._last, self._then_s = middle, c.servos, middle, -math.inf
 
     def take(self, counts: list[int], now_s: float) -> Array:
-        """The angles [rad] of a reading at a time [s]. Raises Disconnected for a jump; the next one begins anew."""
+        """The angles [rad] of a reading at a time [s]. Raises Disconnected for a jump; the next one begins again."""
         elapsed = now_s - self._then_s
         begins = elapsed > _PAUSE_S
         near = self._middle if begins else self._last
@@ -348,9 +349,9 @@ class LeaderArm:
         self._angles = Angles(c)
         self._chain = ServoChain(c.port, c.baud, c.servos, silence_s)
 
-    def ask(self) -> None:
+    def request(self) -> None:
         """Asks for a reading; answer() waits for it. Raises Disconnected."""
-        self._chain.ask()
+        self._chain.request()
 
     def answer(self) -> tuple[Array, float | None]:
         """Joint angles within the arm's ranges [rad], and the trigger: 0 let go, 1 squeezed, None without one.
@@ -367,8 +368,8 @@ class LeaderArm:
         return q, float(np.clip((angles[joints] - free) / (squeezed - free), 0, 1))
 
     def read(self) -> tuple[Array, float | None]:
-        """ask() and answer(), whose errors it raises."""
-        self.ask()
+        """request() and answer(). Raises Disconnected."""
+        self.request()
         return self.answer()
 
     def close(self) -> None:

@@ -55,7 +55,7 @@ class Servos:
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         self.port = os.ttyname(self._slave)
-        self.baud, self.reads, self.babble, self.spoilt = baud, 0, b"", 0
+        self.baud, self.reads, self.babble, self.damaged = baud, 0, b"", 0
         self.silent, self.corrupt, self.alerts = set(), set(), {}
         self.tables = {k: bytearray(147) for k in (order or range(1, count + 1))}
         for number, table in self.tables.items():
@@ -90,8 +90,8 @@ class Servos:
                     return
                 if termios.tcgetattr(self._slave)[4] != SPEEDS[self.baud]:
                     buffer.clear()  # at another speed nothing is understood
-                for wanted in instructions(buffer):
-                    self._answer(*wanted)
+                for each in instructions(buffer):
+                    self._answer(*each)
             if self.babble and select.select([], [self._master], [], 0)[1]:
                 os.write(self._master, self.babble)
 
@@ -118,8 +118,8 @@ class Servos:
             return
         self.tables[number][ERROR_STATUS] = self.alerts.get(number, 0)
         answer = packet(number, STATUS, bytes([0x80 if number in self.alerts else 0]) + data)
-        if number in self.corrupt or self.spoilt:
-            self.spoilt = max(0, self.spoilt - 1)
+        if number in self.corrupt or self.damaged:
+            self.damaged = max(0, self.damaged - 1)
             answer = answer[:-3] + bytes([answer[-3] ^ 0x10]) + answer[-2:]
         os.write(self._master, answer)
 

@@ -294,12 +294,10 @@ class ServoLeader:
             for arm in self.settings.arms:
                 opened[arm] = LeaderArm(self.settings.files[arm], self.settings.silence_s)
                 about = opened[arm].calibration
-                if len(about.ids) != self.settings.joints or (arm in self.settings.grippers and about.trigger is None):
-                    raise Refused(
-                        "wrong_size",
-                        f"the leader of '{arm}' has {len(about.ids)} joints and {'a' if about.trigger else 'no'} trigger",
-                        "set `joints`, and leave arms without trigger out of `grippers`",
-                    )
+                if len(about.ids) != self.settings.joints:
+                    raise Refused("wrong_size", f"the leader of '{arm}' has {len(about.ids)} joints", "set `joints`")
+                if arm in self.settings.grippers and about.trigger is None:
+                    raise Refused("no_gripper", f"the leader of '{arm}' has no trigger", "leave it out of `grippers`")
         except BaseException:
             for leader in opened.values():
                 leader.close()
@@ -311,7 +309,7 @@ class ServoLeader:
         if not self._leaders:
             raise Disconnected("the leader is not connected", "call connect() first")
         for leader in self._leaders.values():
-            leader.ask()
+            leader.request()
         found: dict[str, float] = {}
         for arm, leader in self._leaders.items():
             q_rad, squeezed = leader.answer()
