@@ -460,7 +460,7 @@ class Driving(Emulated):
             self.assertRegex(driven.said[0], r"left: joint 4 of the leader is \+0.60 rad from the arm's: bring it")
             start = driven.run.arms["left"].state.q_rad
             reads = servos.reads
-            driven.wait_for(lambda: servos.reads > reads + 100, "readings")
+            driven.wait_for(lambda: servos.reads > reads + 300, "two seconds and more")
             self.assertTrue(driven.run.arms["left"].state.held)
             self.assertLess(np.max(np.abs(driven.run.arms["left"].state.q_rad - start)), 1e-3)
             near = READY + np.array([0, 0, 0, 0.25, 0, 0, 0])

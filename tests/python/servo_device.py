@@ -80,7 +80,7 @@ class Servos:
     def _serve(self):
         buffer = bytearray()
         while True:
-            ready, _, _ = select.select([self._master, self._stop], [], [], 0.001 if self.babble else None)
+            ready, _, _ = select.select([self._master, self._stop], [], [], 0 if self.babble else None)
             if self._stop in ready:
                 return
             if self._master in ready:
