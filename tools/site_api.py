@@ -78,8 +78,9 @@ PAGES = {
     ),
     "learning": Page(
         "Learning",
-        "Tasks for policies and the mapping from actions to set-points, and what LeRobot's packages are made of; the"
-        " guides are [Learning](../learning.md) and [LeRobot](../lerobot.md).",
+        "Tasks for policies and the mapping from actions to set-points, and what LeRobot's packages and"
+        " leader arms are made of; the guides are [Learning](../learning.md), [LeRobot](../lerobot.md) and [Leader"
+        " arms](../leader.md).",
         (
             "tasks.Task",
             "tasks.TaskArm",
@@ -105,6 +106,13 @@ PAGES = {
             "lerobot.ArmsLeader",
             "lerobot.SpaceMouseSettings",
             "lerobot.SpaceMouseLeader",
+            "lerobot.ServoLeaderSettings",
+            "lerobot.ServoLeader",
+            "leader.calibrate",
+            "leader.drive",
+            "servos.LeaderArm",
+            "servos.Calibration",
+            "pedal.Pedal",
         ),
     ),
     "native": Page(

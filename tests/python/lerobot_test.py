@@ -670,6 +670,16 @@ class Packages(unittest.TestCase):
     def test_leaders(self):
         package = self.packages.teleoperator_package
         self.assertEqual(package.MultipandaSpaceMouseConfig().type, "multipanda_space_mouse")
+        servos = package.MultipandaServoLeaderConfig(
+            id="test", calibration_dir=harness.FOLDER, arms=["a"], files={"a": "a.json"}, grippers=["a"]
+        )
+        self.assertEqual(servos.type, "multipanda_servo_leader")
+        leader = package.MultipandaServoLeader(servos)
+        self.assertEqual(list(leader.action_features)[-2:], ["a_joint7.pos", "a_gripper.pos"])
+        with self.assertRaisesRegex(mp.Refused, "a.json is no calibration of a leader"):
+            leader.connect()
+        with self.assertRaisesRegex(ValueError, "files: expected one for each of the arms a"):
+            package.MultipandaServoLeaderConfig(arms=["a"])
         config = package.MultipandaLeaderConfig(
             id="test", calibration_dir=harness.FOLDER, scene=str(two_arms()), leaders=["left"], arms=["arm"]
         )

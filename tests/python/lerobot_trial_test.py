@@ -73,7 +73,8 @@ class Discovery(unittest.TestCase):
             "PYTHONPATH": str(harness.ROOT / "python")
         }
         said = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-        self.assertEqual(said.stdout.split(), ["multipanda", "multipanda_leader", "multipanda_space_mouse"])
+        leaders = [f"multipanda_{kind}" for kind in ("leader", "space_mouse", "servo_leader")]
+        self.assertEqual(said.stdout.split(), ["multipanda", *leaders])
 
 
 class Contract(unittest.TestCase):

@@ -2,10 +2,10 @@
 sets. It needs neither LeRobot nor PyTorch (docs/lerobot.md).
 """
 
-from .leader import ArmsLeader, SpaceMouseLeader
+from .leader import ArmsLeader, ServoLeader, SpaceMouseLeader
 from .names import ACTIONS, OBSERVED, action_names, state_names
 from .robot import ArmsRobot
-from .settings import LeaderSettings, RobotSettings, RunSettings, SpaceMouseSettings
+from .settings import LeaderSettings, RobotSettings, RunSettings, ServoLeaderSettings, SpaceMouseSettings
 
 __all__ = [
     "ACTIONS",
@@ -15,6 +15,8 @@ __all__ = [
     "LeaderSettings",
     "RobotSettings",
     "RunSettings",
+    "ServoLeader",
+    "ServoLeaderSettings",
     "SpaceMouseLeader",
     "SpaceMouseSettings",
     "action_names",

@@ -1,4 +1,4 @@
-"""Leaders of a robot's arms: arms guided by hand, or SpaceMice."""
+"""Leaders of a robot's arms: arms guided by hand, SpaceMice, or small arms of servos."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from ..errors import Disconnected, Refused
 from ..jog import JogLimits, within_lead
 from ..pose import Pose
 from ..rotations import Array
+from ..servos import LeaderArm
 from ..space_mouse import STOP_BUTTON, Grip, SpaceMouse, led_by
 from ..state import ArmState
 from ..tasks.arms import in_base
 from .names import SteadySigns, action_names, gripper_name, quantity_names, state_values
 from .runs import Connected, arms_of, close_run, entries, started_here, take_from, with_grippers
-from .settings import LeaderSettings, SpaceMouseSettings
+from .settings import LeaderSettings, ServoLeaderSettings, SpaceMouseSettings
 
 
 class ArmsLeader(Connected):
@@ -254,3 +255,71 @@ class SpaceMouseLeader:
         client, self._client = self._client, None
         if client is not None:
             close_run(client)
+
+
+class ServoLeader:
+    """Small arms of servos, whose joints are the action; their triggers close the fingers (docs/leader.md).
+
+    Attributes:
+        settings: What it was made from.
+    """
+
+    def __init__(self, settings: ServoLeaderSettings) -> None:
+        """Raises ValueError for invalid settings."""
+        settings.check()
+        self.settings = settings
+        self._leaders: dict[str, LeaderArm] = {}
+
+    @property
+    def action_names(self) -> list[str]:
+        """The names of an action: joint angles, and widths of fingers."""
+        return action_names(self.settings.arms, "joints", self.settings.grippers, self.settings.joints)
+
+    @property
+    def connected(self) -> bool:
+        """Whether its ports are open."""
+        return bool(self._leaders)
+
+    def connect(self) -> None:
+        """Opens the ports.
+
+        Raises:
+            Refused: It is connected already, or a calibration has other joints or no trigger for fingers.
+            Disconnected: A port or a servo is missing, or in error.
+        """
+        if self._leaders:
+            raise Refused("connected", "the leader is connected already", "disconnect() first")
+        opened: dict[str, LeaderArm] = {}
+        try:
+            for arm in self.settings.arms:
+                opened[arm] = LeaderArm(self.settings.files[arm], self.settings.silence_s)
+                about = opened[arm].calibration
+                if len(about.ids) != self.settings.joints:
+                    raise Refused("wrong_size", f"the leader of '{arm}' has {len(about.ids)} joints", "set `joints`")
+                if arm in self.settings.grippers and about.trigger is None:
+                    raise Refused("no_gripper", f"the leader of '{arm}' has no trigger", "leave it out of `grippers`")
+        except BaseException:
+            for leader in opened.values():
+                leader.close()
+            raise
+        self._leaders = opened
+
+    def read(self) -> dict[str, float]:
+        """The joint angles and widths of all arms. Raises Disconnected: a leader is gone, silent, in error or jumps."""
+        if not self._leaders:
+            raise Disconnected("the leader is not connected", "call connect() first")
+        for leader in self._leaders.values():
+            leader.request()
+        found: dict[str, float] = {}
+        for arm, leader in self._leaders.items():
+            q_rad, squeezed = leader.answer()
+            found.update(zip(quantity_names(arm, "joints", self.settings.joints), q_rad.tolist()))
+            if arm in self.settings.grippers and squeezed is not None:
+                found[gripper_name(arm)] = self.settings.open_m * (1 - squeezed)
+        return found
+
+    def disconnect(self) -> None:
+        """Closes the ports. May be called again."""
+        leaders, self._leaders = self._leaders, {}
+        for leader in leaders.values():
+            leader.close()

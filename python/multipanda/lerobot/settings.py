@@ -185,3 +185,33 @@ class SpaceMouseSettings(RunSettings):
             raise ValueError(f"gripper_button: expected 3 to 32, or 0 for none, found {self.gripper_button}")
         for name, most in (("open_m", 0.2), ("speed_m_per_s", 0.5), ("turn_rad_per_s", 2.5), ("force_n", 100)):
             _within(name, getattr(self, name), most)
+
+
+@dataclass(kw_only=True)
+class ServoLeaderSettings:
+    """Small arms of servos that lead arms by their joints.
+
+    Attributes:
+        arms: The arms that are led, as the robot names them.
+        files: The calibration of each leader, by arm (docs/leader.md).
+        joints: Joints of each arm.
+        grippers: Arms with fingers that a trigger closes.
+        open_m: Width of open fingers [m].
+        silence_s: How long the servos may give no valid answer [s].
+    """
+
+    arms: list[str] = field(default_factory=lambda: ["arm"])
+    files: dict[str, str] = field(default_factory=dict)
+    joints: int = 7
+    grippers: list[str] = field(default_factory=list)
+    open_m: float = 0.08
+    silence_s: float = 0.1
+
+    def check(self) -> None:
+        """Raises ValueError for settings that cannot lead."""
+        _distinct("arms", self.arms)
+        _known("grippers", self.grippers, self.arms)
+        if set(self.files) != set(self.arms):
+            raise ValueError(f"files: expected one for each of the arms {', '.join(self.arms)}")
+        for name, most in (("open_m", 0.2), ("silence_s", 10.0)):
+            _within(name, getattr(self, name), most)

@@ -1,6 +1,13 @@
-"""Teleoperators for the arms of lerobot_robot_multipanda: arms guided by hand, or SpaceMice (docs/lerobot.md)."""
+"""Teleoperators for the arms of lerobot_robot_multipanda: arms guided by hand, SpaceMice, or arms of servos."""
 
-from .config_multipanda import MultipandaLeaderConfig, MultipandaSpaceMouseConfig
-from .multipanda import MultipandaLeader, MultipandaSpaceMouse
+from .config_multipanda import MultipandaLeaderConfig, MultipandaServoLeaderConfig, MultipandaSpaceMouseConfig
+from .multipanda import MultipandaLeader, MultipandaServoLeader, MultipandaSpaceMouse
 
-__all__ = ["MultipandaLeader", "MultipandaLeaderConfig", "MultipandaSpaceMouse", "MultipandaSpaceMouseConfig"]
+__all__ = [
+    "MultipandaLeader",
+    "MultipandaLeaderConfig",
+    "MultipandaServoLeader",
+    "MultipandaServoLeaderConfig",
+    "MultipandaSpaceMouse",
+    "MultipandaSpaceMouseConfig",
+]

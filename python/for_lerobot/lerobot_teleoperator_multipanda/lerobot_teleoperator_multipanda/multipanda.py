@@ -5,15 +5,15 @@ from typing import Any
 
 from lerobot.teleoperators import Teleoperator
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
-from multipanda.lerobot import ArmsLeader, SpaceMouseLeader
+from multipanda.lerobot import ArmsLeader, ServoLeader, SpaceMouseLeader
 
-from .config_multipanda import MultipandaLeaderConfig, MultipandaSpaceMouseConfig
+from .config_multipanda import MultipandaLeaderConfig, MultipandaServoLeaderConfig, MultipandaSpaceMouseConfig
 
 
 class _Leader(Teleoperator):
-    """Shared by both. No feedback: the bilateral controllet `teleoperation` has that, at 1 kHz."""
+    """Shared by all. No feedback: the bilateral controllet `teleoperation` has that, at 1 kHz."""
 
-    leader: ArmsLeader | SpaceMouseLeader
+    leader: ArmsLeader | SpaceMouseLeader | ServoLeader
 
     @cached_property
     def action_features(self) -> dict[str, type]:
@@ -80,3 +80,15 @@ class MultipandaSpaceMouse(_Leader):
         super().__init__(config)
         self.config = config
         self.leader = SpaceMouseLeader(config)
+
+
+class MultipandaServoLeader(_Leader):
+    """Small arms of servos (docs/leader.md), calibrated before."""
+
+    config_class = MultipandaServoLeaderConfig
+    name = "multipanda_servo_leader"
+
+    def __init__(self, config: MultipandaServoLeaderConfig) -> None:
+        super().__init__(config)
+        self.config = config
+        self.leader = ServoLeader(config)
