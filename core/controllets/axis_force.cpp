@@ -34,8 +34,8 @@ void AxisForce::select(bool selected, double dt) {
 // Pressing begins with the first contact. Under a desired force it ends only beyond the loss distance, so
 // that a bounce does not end it; an axis that was pushed back farther ends it within twice that distance.
 void AxisForce::update_contact(const AxisSettings& settings, const AxisState& now, int sign, double dt) {
-  const bool plus = plus_.update(now.estimated, settings.threshold, dt);
-  const bool minus = minus_.update(-now.estimated, settings.threshold, dt);
+  const bool plus = plus_.update(now.estimated, settings.threshold, dt, settings.doubt);
+  const bool minus = minus_.update(-now.estimated, settings.threshold, dt, settings.doubt);
   contact_ = (sign >= 0 && plus) || (sign <= 0 && minus);
   if (sign != 0 && sign != sign_) {
     sign_ = sign;

@@ -35,6 +35,7 @@ struct AxisSettings {
   double threshold = 0;       // contact [N, N m]
   double approach_speed = 0;  // v_a [m/s, rad/s]
   double reach = 0;           // width of gamma [m, rad]
+  double doubt = 0;           // what the estimate may be wrong by [N, N m]
 };
 
 // One axis at one instant.
@@ -64,6 +65,7 @@ class AxisForce {
   // f, after select() of the same tick.
   double update(const AxisSettings& settings, const AxisState& now, double dt);
   bool in_contact() const { return contact_; }
+  bool pressing() const { return pressing_; }
 
  private:
   void update_contact(const AxisSettings& settings, const AxisState& now, int sign, double dt);

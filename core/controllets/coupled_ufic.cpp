@@ -351,11 +351,13 @@ class CoupledUfic final : public Controllet {
     settings.grasp.closing_speed = closing_speed_ =
         std::min(settings.grasp.closing_speed, context.contact.hand_speed);  // half of it by each hand
     settings.grasp.closing_stiffness = n.dot(settings.relative.stiffness(R_d).translation * n);
-    for (std::size_t i = 0; i < 2; ++i) felt_[i].update(context.arms[i], context.dt);
+    const bool grasps = grasp_.phase() == GraspSequence::Phase::grasp;
+    for (std::size_t i = 0; i < 2; ++i)
+      felt_[i].update(context.arms[i], grasp_.phase() != GraspSequence::Phase::rest, context.dt);
     // A grasp is lost below half of the threshold, so only what hands do whose object has gone raises it:
-    // they close. Moved or bumped together, they must not drop what they hold.
+    // they close. Moved or bumped together, or loaded by what they hold, they must not drop it.
     const bool waits = felt_[0].waits() || felt_[1].waits();
-    if (grasp_.phase() == GraspSequence::Phase::grasp) {
+    if (grasps) {
       const auto v = [&](std::size_t i) { return Vector3(context.arms[i].terms->V_WE().linear()); };
       const double closing = n.dot(v(0) - v(1));
       settings.grasp.contact_threshold_n +=
@@ -368,7 +370,9 @@ class CoupledUfic final : public Controllet {
     measured_ = {.requested_n = waits ? 0.0 : context.inputs[kSqueeze].scalar(),
                  .first_n = n.dot(Vector3(felt_[0].at_E().head<3>())),
                  .second_n = -n.dot(Vector3(felt_[1].at_E().head<3>())),
-                 .distance_m = n.dot(Vector3(frame.relative.head<3>()))};
+                 .distance_m = n.dot(Vector3(frame.relative.head<3>())),
+                 .first_doubt_n = grasps ? 0.0 : felt_[0].doubt(settings.motion_share),
+                 .second_doubt_n = grasps ? 0.0 : felt_[1].doubt(settings.motion_share)};
     if (!std::isfinite(measured_.requested_n + measured_.first_n + measured_.second_n)) return false;
     grasp_.update(measured_, settings.grasp, context.dt);
     if (grasp_.touched_now()) {

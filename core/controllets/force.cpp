@@ -84,19 +84,22 @@ class Force final : public Controllet {
     OwnedArm& arm = context.arms[0];
     ModelTerms& terms = *arm.terms;
     const ParameterSet& parameters = *context.parameters;
-    const ForceSettings settings = force_settings(parameters, kForceGroup);
+    ForceSettings settings = force_settings(parameters, kForceGroup);
     const double dt = context.dt;
 
-    felt_.update(arm, dt);
     const Vector3 F_d = context.inputs[kWrench].vector().head<3>();
     const Vector3 n = direction_.update(F_d, dt);
-    const double desired = felt_.waits() ? 0.0 : std::max(0.0, n.dot(F_d));
+    const double asked = std::max(0.0, n.dot(F_d));
+    felt_.update(arm, pressing_ && asked > ForceDirection::kLeastForce, dt);
+    settings.contact_threshold += felt_.motion(settings.motion_share);
+    settings.contact_doubt = felt_.doubt(settings.motion_share);
+    const double desired = felt_.waits() ? 0.0 : asked;
     const Vector3 F_hat = felt_.at_E().head<3>();
     if (!F_d.allFinite() || !F_hat.allFinite())
       return LawResult::fault;  // clamping would hide an invalid value
     const double estimated = n.dot(F_hat);
     const Vector3 p = terms.X_WE().position;
-    watch_contact(estimated, settings.contact_threshold + felt_.motion(settings.motion_share), p, n, dt);
+    watch_contact(estimated, settings, p, n, dt);
 
     const double w = pressing_fade_.towards(pressing_, dt);
     const double beyond = std::max(0.0, n.dot(p - p_c_));
@@ -188,9 +191,10 @@ class Force final : public Controllet {
 
   // Pressing begins with the first contact. It ends when the tool has advanced by kLossDistance without
   // contact, so that a bounce or a small desired force does not end it.
-  void watch_contact(double estimated, double threshold, const Vector3& p, const Vector3& n, double dt) {
+  void watch_contact(double estimated, const ForceSettings& settings, const Vector3& p, const Vector3& n,
+                     double dt) {
     static constexpr double kLossDistance = 0.005;  // [m]
-    const bool contact = detector_.update(estimated, threshold, dt);
+    const bool contact = detector_.update(estimated, settings.contact_threshold, dt, settings.contact_doubt);
     if (contact) {
       pressing_ = true;
       p_c_ = p;

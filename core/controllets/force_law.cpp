@@ -15,11 +15,11 @@ void ContactDetector::start() {
   in_contact_ = false;
 }
 
-bool ContactDetector::update(double force_n, double threshold_n, double dt) {
+bool ContactDetector::update(double force_n, double threshold_n, double dt, double doubt_n) {
   const double force = filtered_.update(force_n, kCutoff, dt);
   age_ += dt;
   if (age_ < kBlind) return in_contact_;
-  in_contact_ = force > (in_contact_ ? 0.5 * threshold_n : threshold_n);
+  in_contact_ = force > doubt_n + (in_contact_ ? 0.5 * threshold_n : threshold_n);
   return in_contact_;
 }
 

@@ -47,15 +47,17 @@ class Fade {
 };
 
 // Detects contact: the low-passed estimate rose above the threshold and has not fallen below half of it
-// since. There is no contact within kBlind of the start, while the estimate settles. Raw estimates, or
-// thresholds below 1 N, cause false contacts; laws add what motion needs (felt_wrench.hpp).
+// since, both beyond what it may be wrong by, `doubt_n`. There is no contact within kBlind of the start,
+// while the estimate settles. Raw estimates, or thresholds below 1 N, cause false contacts; laws add what
+// motion needs (felt_wrench.hpp).
 class ContactDetector {
  public:
   static constexpr double kCutoff = 15;  // [Hz]
   static constexpr double kBlind = 0.1;  // [s]
 
   void start();
-  bool update(double force_n, double threshold_n, double dt);  // force along the direction of pressing
+  // Force along the direction of pressing.
+  bool update(double force_n, double threshold_n, double dt, double doubt_n = 0);
   bool in_contact() const { return in_contact_; }
   double force() const { return filtered_.value(); }  // low-passed [N]
 
@@ -165,7 +167,8 @@ struct ForceSettings {
   double contact_threshold = 0;  // [N]
   double tangential_gain = 0;    // fraction of the estimated tangential force that is fed forward
   double tangential_cutoff = 0;  // [Hz]
-  double motion_share = 1;       // of FeltWrench::motion()
+  double motion_share = 1;       // of FeltWrench::motion() and doubt()
+  double contact_doubt = 0;      // [N]
 };
 ForceSettings force_settings(const ParameterSet& parameters, std::size_t first);
 

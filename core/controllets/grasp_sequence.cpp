@@ -20,8 +20,8 @@ double GraspSequence::ramp() const {
 }
 
 void GraspSequence::update(const Measured& measured, const GraspSettings& settings, double dt) {
-  first_.update(measured.first_n, settings.contact_threshold_n, dt);
-  second_.update(measured.second_n, settings.contact_threshold_n, dt);
+  first_.update(measured.first_n, settings.contact_threshold_n, dt, measured.first_doubt_n);
+  second_.update(measured.second_n, settings.contact_threshold_n, dt, measured.second_doubt_n);
   const bool requested = measured.requested_n > kLeastSqueeze;
   const bool released = measured.requested_n < 0.5 * kLeastSqueeze;
   touched_now_ = false;

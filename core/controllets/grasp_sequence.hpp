@@ -27,9 +27,10 @@ class GraspSequence {
   void start(double distance_m);
 
   struct Measured {
-    double requested_n = 0;            // requested squeeze [N]
-    double first_n = 0, second_n = 0;  // estimated force of each hand, inwards positive [N]
-    double distance_m = 0;             // between the hands, along the line of squeezing
+    double requested_n = 0;                        // requested squeeze [N]
+    double first_n = 0, second_n = 0;              // estimated force of each hand, inwards positive [N]
+    double distance_m = 0;                         // between the hands, along the line of squeezing
+    double first_doubt_n = 0, second_doubt_n = 0;  // what the estimates may be wrong by [N]
   };
   void update(const Measured& measured, const GraspSettings& settings, double dt);
 

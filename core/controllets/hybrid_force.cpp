@@ -159,7 +159,9 @@ class HybridForce final : public Controllet {
     OwnedArm& arm = context.arms[0];
     ModelTerms& terms = *arm.terms;
     const ParameterSet& parameters = *context.parameters;
-    felt_.update(arm, context.dt);
+    felt_.update(arm,
+                 std::any_of(axis_.begin(), axis_.end(), [](const AxisForce& a) { return a.pressing(); }),
+                 context.dt);
     Vector6 F_d = context.inputs[kWrench].vector();
     const Vector6& F_hat = felt_.at_E();
     if (!F_d.allFinite() || !F_hat.allFinite())
@@ -458,16 +460,21 @@ class HybridForce final : public Controllet {
                           const Vector3& goal_speed) const {
     const ParameterSet& parameters = *context.parameters;
     const double left = left_beside(goal_speed, context.contact.hand_speed) / axes.parts(0);
-    return {kForceAxis, gains(parameters, kIntegral, kForceLimit),
+    return {kForceAxis,
+            gains(parameters, kIntegral, kForceLimit),
             parameters.number(kForceThreshold) + felt_.motion(parameters.number(kHybridMotionShare)),
-            std::min(parameters.number(kApproachSpeed), left), parameters.number(kReach)};
+            std::min(parameters.number(kApproachSpeed), left),
+            parameters.number(kReach),
+            felt_.doubt(parameters.number(kHybridMotionShare))};
   }
   AxisSettings moment_axis(const WeightedAxes& axes, const ControlContext& context) const {
     const ParameterSet& parameters = *context.parameters;
-    return {kMomentAxis, gains(parameters, kMomentIntegral, kMomentLimit),
+    return {kMomentAxis,
+            gains(parameters, kMomentIntegral, kMomentLimit),
             parameters.number(kMomentThreshold) + felt_.turning(parameters.number(kHybridMotionShare)),
             std::min(parameters.number(kTurningSpeed), turn_limit(axes, context.contact)),
-            parameters.number(kAngularReach)};
+            parameters.number(kAngularReach),
+            felt_.turning_doubt(parameters.number(kHybridMotionShare))};
   }
   static ForceGains gains(const ParameterSet& parameters, std::size_t integral, std::size_t limit) {
     return {.proportional = parameters.number(kProportional),

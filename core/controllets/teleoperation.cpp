@@ -118,7 +118,9 @@ class Teleoperation final : public Controllet {
     for (std::size_t i = 0; i < 2; ++i) {
       if (jumps_[i].jumped(context.arms[i])) return LawResult::fault;
     }
-    for (std::size_t i = 0; i < 2; ++i) felt_wrench_[i].update(context.arms[i], context.dt);
+    // A person holds the leader; what it feels is bounded as a bias is.
+    for (std::size_t i = 0; i < 2; ++i)
+      felt_wrench_[i].update(context.arms[i], i == 1 && closed_, context.dt);
     const TankLimits limits = tank_limits(parameters);
     for (std::size_t i = 0; i < 2; ++i) sides_[i].close(context.arms[i], limits, context.dt);
     turn_clutch(parameters);
@@ -329,8 +331,8 @@ class Teleoperation final : public Controllet {
     const double speed = v.norm();
     const bool driven = coupled && speed > kMoves && drive.head<3>().dot(v) > kDrives * speed;
     const FeltWrench& felt = felt_wrench_[0];
-    const bool free =
-        arm.state->has_wrench_estimate && felt.at_E().head<3>().norm() < kResists + felt.motion(1);
+    const bool free = arm.state->has_wrench_estimate &&
+                      felt.at_E().head<3>().norm() < kResists + felt.motion(1) + felt.doubt(1);
     driven_s_ = driven && free ? driven_s_ + dt : 0;
     if (driven_s_ > kLongest) unattended_ = true;
   }

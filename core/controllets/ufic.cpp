@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/controllets/axis_force.hpp"
 #include "core/controllets/builtins.hpp"
 #include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/damping_design.hpp"
@@ -137,10 +138,11 @@ class Ufic final : public Controllet {
     if (gains.coriolis_feedforward) feedforward += s * terms.task_coriolis(target.V_d.vector);
     Vector6 opposing = D * V;
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
-    felt_.update(arm, context.dt);
+    Vector6 F_d6 = context.inputs[kWrench].vector();
+    felt_.update(arm, !F_d6.isZero(kMomentAxis.least) && touches(), context.dt);
     ForceSettings settings = force_settings(parameters, kForceGroup);
     settings.contact_threshold += felt_.motion(settings.motion_share);
-    Vector6 F_d6 = context.inputs[kWrench].vector();
+    settings.contact_doubt = felt_.doubt(settings.motion_share);
     if (felt_.waits()) F_d6 *= 0;  // not a number remains one
     const Vector6& F_hat6 = felt_.at_E();
     const Vector3 F_d = F_d6.head<3>(), F_hat = F_hat6.head<3>(), v = V.head<3>();
@@ -177,7 +179,8 @@ class Ufic final : public Controllet {
                                 .X_WE = terms.X_WE(),
                                 .alpha_f = alpha_f_,
                                 .bounds = context.contact,
-                                .turning = felt_.turning(settings.motion_share)},
+                                .turning = felt_.turning(settings.motion_share),
+                                .turning_doubt = felt_.turning_doubt(settings.motion_share)},
                                context.dt);
     if (axes_.weight() >= 1) start_direction();  // restarts when no axis is selected any more
     force.scale(of_n);
@@ -292,6 +295,9 @@ class Ufic final : public Controllet {
     return std::min(1.0, alpha_f_ / bridge_alpha_) * bridge_;
   }
 
+  // Without contact, near its last point, the desired force still acts.
+  bool touches() const { return gamma_ > 0.5 || axes_.touches(); }
+
   // The law along one direction, as without contact.
   void start_direction() {
     touched_ = false;
@@ -355,7 +361,7 @@ class Ufic final : public Controllet {
     const Vector3& n = direction_.n();
     part.desired = std::max(0.0, n.dot(F_d));
     part.estimated = n.dot(F_hat);
-    if (detector_.update(part.estimated, settings.contact_threshold, dt)) {
+    if (detector_.update(part.estimated, settings.contact_threshold, dt, settings.contact_doubt)) {
       touched_ = true;
       p_c_ = p;
     }

@@ -121,7 +121,7 @@ Vector6 UficAxes::in_world(const Vector6& y) const {
 }
 
 // `shape`: gamma of the place where it is now.
-double UficAxes::update(std::size_t i, const ForceGains& gains, double threshold, double shape,
+double UficAxes::update(std::size_t i, const ForceGains& gains, double threshold, double doubt, double shape,
                         const Limits& limits, ValveLaw law, const Instant& now, double dt) {
   const auto k = static_cast<Eigen::Index>(i);
   Axis& axis = axis_[i];
@@ -131,7 +131,7 @@ double UficAxes::update(std::size_t i, const ForceGains& gains, double threshold
     axis.sign = -axis.sign;
   }
   const double desired = std::max(0.0, axis.sign * now.F_d[k]), estimated = axis.sign * now.F_hat[k];
-  if (axis.detector.update(estimated, threshold, dt)) {
+  if (axis.detector.update(estimated, threshold, dt, doubt)) {
     axis.touched = true;
     axis.touched_at = now.X_WE;
   }
@@ -168,8 +168,9 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
   Matrix6 turn = Matrix6::Zero();
   turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = R_.transpose();
   const Matrix6 D = turn * world.D * turn.transpose();
-  const Instant now{in_frame(world.F_d), in_frame(world.F_hat), in_frame(world.V), in_frame(world.pull), D,
-                    world.X_WE,          world.alpha_f,         world.bounds,      world.turning};
+  const Instant now{
+      in_frame(world.F_d), in_frame(world.F_hat), in_frame(world.V), in_frame(world.pull), D, world.X_WE,
+      world.alpha_f,       world.bounds,          world.turning,     world.turning_doubt};
   ForceGains moments = settings.gains;
   moments.integral_per_s = parameters.number(first + kMomentIntegral);
   moments.integral_limit_n = parameters.number(first + kMomentLimit);
@@ -208,8 +209,9 @@ Vector6 UficAxes::update(const ForceSettings& settings, ValveLaw law, double rea
       shape *= contact_shape(turned, parameters.number(first + kMomentReach));
     }
     const double f = moment ? update(i, moments, parameters.number(first + kMomentThreshold) + now.turning,
-                                     shape, limits, law, now, dt)
-                            : update(i, forces, settings.contact_threshold, shape, limits, law, now, dt);
+                                     now.turning_doubt, shape, limits, law, now, dt)
+                            : update(i, forces, settings.contact_threshold, settings.contact_doubt, shape,
+                                     limits, law, now, dt);
     // f contains sigma, and so does its slope: fading axes that share a joint share its bound, too.
     F[k] = f * share_at_axis_speed(f, f < 0 ? -now.V[k] : now.V[k], limit, sigma_[k] * steepest);
   }

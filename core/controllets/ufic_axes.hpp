@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 
 #include "core/controllets/contact_bounds.hpp"
@@ -57,7 +58,8 @@ class UficAxes {
     const Pose& X_WE;
     double alpha_f;  // valve of the force tank
     const ContactBounds& bounds;
-    double turning = 0;  // what motion adds to the threshold of moments [N m]
+    // What motion adds to the threshold of moments, and what they may be wrong by [N m].
+    double turning = 0, turning_doubt = 0;
   };
   // F, all in world axes.
   Vector6 update(const ForceSettings& settings, ValveLaw law, double reach, const ParameterSet& parameters,
@@ -65,6 +67,9 @@ class UficAxes {
   // F of the last update, axes of the frame.
   const Vector6& force() const { return F_; }
   bool in_contact(std::size_t i) const { return axis_[i].detector.in_contact(); }
+  bool touches() const {  // or was in contact near this place
+    return std::any_of(axis_.begin(), axis_.end(), [](const Axis& axis) { return axis.gamma > 0.5; });
+  }
 
  private:
   struct Axis {
@@ -83,8 +88,8 @@ class UficAxes {
     double room, unfelt;  // besides the others and the pull; without a reaction [N, N m]
     double slow;          // up to it a reaction counts [m/s, rad/s]
   };
-  double update(std::size_t i, const ForceGains& gains, double threshold, double shape, const Limits& limits,
-                ValveLaw law, const Instant& now, double dt);
+  double update(std::size_t i, const ForceGains& gains, double threshold, double doubt, double shape,
+                const Limits& limits, ValveLaw law, const Instant& now, double dt);
   static constexpr double kBearing = 0.5, kGivingWay = 0.02;  // of Axis::borne, from one end to the other [s]
   Vector6 in_frame(const Vector6& x) const;
   Vector6 in_world(const Vector6& y) const;

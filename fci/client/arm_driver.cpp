@@ -109,9 +109,8 @@ void ArmDriver::run() {
     eventfd_t count = 0;
     (void)::eventfd_read(wake_, &count);
     watch();
-    if (stop_requested_.exchange(false, std::memory_order_acq_rel)) {
-      notify("an invalid torque command was rejected and the motion was stopped: run " +
-             ctl_command("recover"));
+    if (const char* why = stop_requested_.exchange(nullptr, std::memory_order_acq_rel)) {
+      notify(std::string(why) + ", and the motion was stopped: run " + ctl_command("recover"));
       (void)guarded([this] { return stop(); });
     }
     if (const double share = low_success_.exchange(1, std::memory_order_acq_rel); share < 1) {
@@ -139,7 +138,7 @@ bool ArmDriver::do_next_task() {
   }
   const HostTime now = host_now();
   if (task.ages && (seconds(now - task.posted) >= options_.request_patience_s ||
-                    is_past(task.begin_by, now) || task.posted < link_.gaps().end())) {
+                    is_past(task.begin_by, now) || task.posted < link_.gaps().look())) {
     task.work = [this] { return RequestAnswer{false, config_.name + ": " + kRequestTooOld}; };
   }
   task.promise.set_value(guarded(task.work));
@@ -208,7 +207,7 @@ std::future<RequestAnswer> ArmDriver::prepare() {
 
 std::future<RequestAnswer> ArmDriver::begin() {
   return post([this] {
-    if (configured_) start_requested_motion();  // an arm found in a reflex starts once it is recovered
+    if (configured_) start_requested_motion(false);  // an arm found in a reflex starts once it is recovered
     return RequestAnswer{true, {}};
   });
 }
@@ -266,7 +265,7 @@ std::future<RequestAnswer> ArmDriver::request(ArmRequest request) {
 
 // --- motion and recovery ---
 
-void ArmDriver::start_requested_motion() {
+void ArmDriver::start_requested_motion(bool loop_runs) {
   const ArmMotion motion = handled_motion_ = requested_motion_.load(std::memory_order_acquire);
   motion_.store(motion, std::memory_order_release);
   enter(Phase::starting);
@@ -283,6 +282,7 @@ void ArmDriver::start_requested_motion() {
     if (!error.is_fatal()) enter(Phase::stopped);
     throw;
   }
+  running_ns_.store(loop_runs ? host_now().ns : 0, std::memory_order_release);
   enter(Phase::running);
 }
 
@@ -415,13 +415,20 @@ void ArmDriver::command(RobotCommand& command) noexcept {
 
 void ArmDriver::command(const JointVector& tau_cmd) noexcept {
   if (motion() != ArmMotion::torque || refused_ || mode(link_.received_at()) != ArmMode::move) return;
-  if (tau_cmd.size() != 7 || !tau_cmd.allFinite()) {
-    refused_ = true;
-    stop_requested_.store(true, std::memory_order_release);
-    (void)::eventfd_write(wake_, 1);
-    return;
-  }
+  if (tau_cmd.size() != 7 || !tau_cmd.allFinite())
+    return refuse_motion("an invalid torque command was rejected");
+  // An arm waits for the first torque for any time, also while this program stalls.
+  const std::int64_t running = running_ns_.load(std::memory_order_acquire);
+  const std::chrono::nanoseconds waited(link_.received_at().ns - running);
+  if (!commanded_ && !options_.lockstep && running != 0 && waited > GapWatch::kLongest)
+    return refuse_motion("this program stalled before the motion's first torque");
   send_torque(config_.limit_rate || !commanded_ ? limited(tau_cmd) : tau_cmd);
+}
+
+void ArmDriver::refuse_motion(const char* why) noexcept {
+  refused_ = true;
+  stop_requested_.store(why, std::memory_order_release);
+  (void)::eventfd_write(wake_, 1);
 }
 
 void ArmDriver::hold(bool last) noexcept {

@@ -87,6 +87,7 @@ class ArmDriver {
   // Loop
   const JointVector& limited(const JointVector& tau) noexcept;
   void send_torque(const JointVector& tau) noexcept;
+  void refuse_motion(const char* why) noexcept;
 
   // Commander
   std::future<RequestAnswer> post(Work work) { return post({std::move(work), {}, host_now()}); }
@@ -103,7 +104,7 @@ class ArmDriver {
   void send_settings();
   std::string in_reflex(const RobotState& state) const;
   void check_end_effector(const RobotState& state);
-  void start_requested_motion();
+  void start_requested_motion(bool loop_runs = true);
   void change_motion();
   void set_frames(const ArmFrames& frames);
   void set_load(const Load& load);
@@ -155,10 +156,11 @@ class ArmDriver {
   std::unique_ptr<EndEffector> end_effector_;
   std::atomic<bool> end_effector_connected_{false};
   std::atomic<Phase> phase_{Phase::offline};
-  std::atomic<bool> stop_requested_{false};         // set by the loop
-  std::atomic<std::int64_t> stopped_ns_{0};         // time of the last request to stop its motion
-  std::atomic<double> low_success_{1};              // set by the loop: share to be reported; 1: none
-  std::atomic<ArmMotion> requested_motion_;         // set by the loop
+  std::atomic<const char*> stop_requested_{nullptr};  // set by the loop: why
+  std::atomic<std::int64_t> running_ns_{0};  // when the loop was to answer the motion; 0: no loop did yet
+  std::atomic<std::int64_t> stopped_ns_{0};  // time of the last request to stop its motion
+  std::atomic<double> low_success_{1};       // set by the loop: share to be reported; 1: none
+  std::atomic<ArmMotion> requested_motion_;  // set by the loop
   std::atomic<ArmMotion> motion_{ArmMotion::none};  // motion started last; set by the commander
   ArmMotion handled_motion_;                        // commander: the last handled request
   bool configured_ = false;                         // commander: false if connecting found a reflex
@@ -175,7 +177,7 @@ class ArmDriver {
   RobotCommand command_;
   bool unread_ = false;
   bool commanded_ = false;  // torques were sent in the running motion
-  bool refused_ = false;    // an invalid torque was sent; until the motion has ended
+  bool refused_ = false;    // torques are not sent any more, until the motion has ended
   TorqueLimiter limiter_;   // for hold() and a motion's first torque; with FciArmConfig::limit_rate for all
   CommandSuccess success_;
   PostureHold posture_;

@@ -480,6 +480,32 @@ TEST_F(Backends, AReconnectionThatStoodStillBeginsNoMotion) {
   for (; motions < asked.size(); ++motions) EXPECT_NE(asked[motions].command, Command::move);
 }
 
+// The program stalls when the motion of a recovery has begun and the arm waits for its first torque: before,
+// it got one, by whatever held it afterwards.
+TEST_F(Backends, AMotionThatWaitedForItsFirstTorqueDuringAStallIsStopped) {
+  begin();
+  fakes_[0]->end_motion(Status::reflex_aborted, RobotMode::reflex, 6);
+  while (cycle_->data().state[0].mode != ArmMode::reflex) {
+    fakes_[1]->publish();
+    step();
+  }
+  for (auto& fake : fakes_) fake->set_automatic(true);
+  auto recovered = backend_->request(0, RecoverFromError{});
+  while (recovered.wait_for(std::chrono::seconds(0)) != std::future_status::ready) (void)backend_->wait();
+  ASSERT_TRUE(recovered.get().success);
+  (void)fakes_[0]->commands_waiting();
+  std::this_thread::sleep_for(GapWatch::kLongest + std::chrono::milliseconds(200));
+  for (int k = 0; k < 5000; ++k) {
+    if (step().contains(0) && k > 100 && cycle_->data().state[0].mode != ArmMode::move) break;
+  }
+  EXPECT_NE(cycle_->data().state[0].mode, ArmMode::move);
+  EXPECT_EQ(fakes_[0]->commands_waiting(), 0u);
+  const RequestAnswer again = answer(backend_->request(0, RecoverFromError{}));
+  EXPECT_TRUE(again.success) << again.reason;
+  while (cycle_->data().state[0].mode != ArmMode::move) step();
+  EXPECT_THAT(said_, HasSubstr("stalled before the motion's first torque, and the motion was stopped"));
+}
+
 TEST_F(Backends, ALowShareOfReceivedCommandsIsReportedOnce) {
   begin();
   const auto reports = [&] {

@@ -143,6 +143,73 @@ TEST(Interaction, RealEstimatesKeepTasksAndNoticeThatTheTableVanishes) {
   }
 }
 
+// A law that takes over a hand in motion, at 0.16 m/s, does not know the bias of the estimate until it has
+// rested without contact.
+void start_in_motion(Scene& scene) {
+  const std::string law = scene.controllets[0].name;
+  for (auto& event : scene.timeline) {
+    if (event.at_s < 1) event.at_s += 0.6;
+  }
+  InstanceConfig mover{.name = "mover", .type = "cartesian_impedance", .arms = {0}};
+  mover.contact = scene.controllets[0].contact;
+  scene.controllets.push_back(mover);
+  scene.active = {"mover"};
+  TimelineEvent motion{
+      .at_s = 0, .what = TimelineEvent::What::set_motion, .controllet = "mover", .name = "pose"};
+  motion.sine = {0, 0.05, 0};
+  motion.rise = {0, 0, 0};
+  motion.period_s = 2;
+  motion.cycles = 3;
+  motion.ramp_s = 0.2;
+  TimelineEvent takes_over{.at_s = 0.6, .what = TimelineEvent::What::switch_controllets, .activate = {law}};
+  takes_over.only = true;
+  scene.timeline.insert(scene.timeline.begin(), {motion, takes_over});
+}
+
+TEST(Interaction, RealEstimatesNoticeThatTheTableVanishesAlsoWithoutATare) {
+  test::Series series;
+  for (std::uint64_t seed = 1; seed <= kSeeds; ++seed) {
+    for (const char* task : {"task_3", "task_4"}) {
+      for (const double force : {9.81, 30.0}) {
+        if (!series.takes(seed == 5)) continue;
+        const std::string what = std::string(task) + ", seed " + std::to_string(seed);
+        const LossFigures loss = loss_figures(task, force, [&](Scene& scene) {
+          scene.plant = PlantFidelity::realistic_sensors();
+          scene.seed = seed;
+          start_in_motion(scene);
+        });
+        EXPECT_NEAR(loss.pressed, force, 4) << what;
+        EXPECT_LE(loss.speed, 0.25) << what;
+        EXPECT_LE(loss.drop, 0.09) << what;
+        EXPECT_EQ(loss.interventions, 0u) << what;
+      }
+    }
+  }
+}
+
+// A load of 0.1 kg that is not there, declared while the law waits: before, its 1 N was missing from then on.
+TEST(Interaction, ALoadThatIsDeclaredMeanwhileIsTared) {
+  const auto pressed = [](std::uint64_t seed, double mass) {
+    Scene scene = task("task_3");
+    scene.plant = PlantFidelity::realistic_sensors();
+    scene.seed = seed;
+    std::erase_if(scene.timeline, [](const auto& event) { return event.at_s > 1; });
+    scene.timeline[0].at_s = 3;
+    scene.timeline[0].values[2] = -15;
+    bool declared = false;
+    const auto declare = [&](double t, MujocoBackend& backend, ControlCycle&) {
+      if (!declared && t >= 1) (void)backend.request(0, SetLoad{Load{.mass = mass}});
+      declared = t >= 1;
+    };
+    const trial::Run result = run(scene, {.duration_s = 8, .each = declare});
+    EXPECT_EQ(result.samples.back().outputs[result.column("tare")], 1);
+    double sum = 0;
+    for (const Sample& s : result.samples) sum += s.t >= 7 ? pressing(s) : 0;
+    return sum / 1000;
+  };
+  for (const std::uint64_t seed : {2, 4}) EXPECT_NEAR(pressed(seed, 0.1), pressed(seed, 0), 0.5) << seed;
+}
+
 // Through contact loss, moving walls and jumping set-points, with tanks nearly empty and full.
 TEST(Interaction, StoredEnergyNeverExceedsItsInput) {
   test::Series series;
