@@ -39,9 +39,8 @@ class FeltWrench {
   enum class Tare : std::uint8_t { taking, taken, moved, too_large };
   static constexpr const char* kTareDoc =
       "0 while the bias of the estimate is measured, 1 taken. Not yet, so that contact needs more force: 2 "
-      "the "
-      "arm moved or another load was declared, 3 more than a bias, so the arm touches something or bears an "
-      "undeclared load.";
+      "the arm moved or another load was declared, 3 more than a bias, so the arm touches something or bears "
+      "an undeclared load.";
   static constexpr double kSettling = 0.1, kTaking = 0.2;                          // [s]
   static constexpr double kRest = 0.02;                                            // [rad/s]
   static constexpr double kMostTorque = 0.8, kMostForce = 3.0, kMostMoment = 1.0;  // [N m], [N], [N m]

@@ -157,10 +157,11 @@ class ArmDriver {
   std::atomic<bool> end_effector_connected_{false};
   std::atomic<Phase> phase_{Phase::offline};
   std::atomic<const char*> stop_requested_{nullptr};  // set by the loop: why
-  std::atomic<std::int64_t> running_ns_{0};  // when the loop was to answer the motion; 0: no loop did yet
-  std::atomic<std::int64_t> stopped_ns_{0};  // time of the last request to stop its motion
-  std::atomic<double> low_success_{1};       // set by the loop: share to be reported; 1: none
-  std::atomic<ArmMotion> requested_motion_;  // set by the loop
+  std::atomic<std::int64_t> running_ns_{
+      0};  // when the loop was to answer a motion; 0: it has, or does not run
+  std::atomic<std::int64_t> stopped_ns_{0};         // time of the last request to stop its motion
+  std::atomic<double> low_success_{1};              // set by the loop: share to be reported; 1: none
+  std::atomic<ArmMotion> requested_motion_;         // set by the loop
   std::atomic<ArmMotion> motion_{ArmMotion::none};  // motion started last; set by the commander
   ArmMotion handled_motion_;                        // commander: the last handled request
   bool configured_ = false;                         // commander: false if connecting found a reflex

@@ -504,6 +504,19 @@ TEST_F(Backends, AMotionThatWaitedForItsFirstTorqueDuringAStallIsStopped) {
   EXPECT_TRUE(again.success) << again.reason;
   while (cycle_->data().state[0].mode != ArmMode::move) step();
   EXPECT_THAT(said_, HasSubstr("stalled before the motion's first torque, and the motion was stopped"));
+
+  // A motion that has had its first torque goes on after any time, also if the arm was out of it for a
+  // moment.
+  std::this_thread::sleep_for(GapWatch::kLongest + std::chrono::milliseconds(200));
+  const auto show = [&](RobotMode mode) {
+    fakes_[0]->change([&](RobotState& s) { s.robot_mode = static_cast<std::uint8_t>(mode); });
+  };
+  show(RobotMode::other);
+  while (cycle_->data().state[0].mode == ArmMode::move) step();
+  show(RobotMode::move);
+  for (int k = 0; k < 100; ++k) step();
+  (void)answer(backend_->request(0, StopMotion{}));  // after what its thread had to say before
+  EXPECT_EQ(said_.find("stalled"), said_.rfind("stalled"));
 }
 
 TEST_F(Backends, ALowShareOfReceivedCommandsIsReportedOnce) {
