@@ -268,7 +268,7 @@ std::future<RequestAnswer> ArmDriver::request(ArmRequest request) {
 void ArmDriver::start_requested_motion(bool loop_runs) {
   const ArmMotion motion = handled_motion_ = requested_motion_.load(std::memory_order_acquire);
   motion_.store(motion, std::memory_order_release);
-  running_ns_.store(0, std::memory_order_release);  // while it starts, its starter looks for stalls
+  running_ns_.store(kUnanswered, std::memory_order_release);
   enter(Phase::starting);
   try {
     if (!configured_ && !(configured_ = configure())) refuse(in_reflex(link_.look()));
@@ -283,7 +283,8 @@ void ArmDriver::start_requested_motion(bool loop_runs) {
     if (!error.is_fatal()) enter(Phase::stopped);
     throw;
   }
-  running_ns_.store(loop_runs ? host_now().ns : 0, std::memory_order_release);
+  std::int64_t unanswered = kUnanswered;  // by the loop, which may be faster
+  running_ns_.compare_exchange_strong(unanswered, loop_runs ? host_now().ns : 0);
   enter(Phase::running);
 }
 
@@ -419,12 +420,12 @@ void ArmDriver::command(const JointVector& tau_cmd) noexcept {
   if (tau_cmd.size() != 7 || !tau_cmd.allFinite())
     return refuse_motion("an invalid torque command was rejected");
   // An arm waits for the first torque for any time, also while this program stalls, perhaps amid this cycle.
-  std::int64_t running = running_ns_.load(std::memory_order_acquire);
-  if (!commanded_ && !options_.lockstep && running != 0 &&
+  const std::int64_t running = running_ns_.load(std::memory_order_acquire);
+  if (!commanded_ && !options_.lockstep && running > 0 &&
       host_now().ns - running > std::chrono::nanoseconds(GapWatch::kLongest).count())
     return refuse_motion("this program stalled before the motion's first torque");
   send_torque(config_.limit_rate || !commanded_ ? limited(tau_cmd) : tau_cmd);
-  if (commanded_ && running != 0) (void)running_ns_.compare_exchange_strong(running, 0);
+  if (commanded_ && running != 0) running_ns_.store(0, std::memory_order_release);
 }
 
 void ArmDriver::refuse_motion(const char* why) noexcept {

@@ -157,8 +157,9 @@ class ArmDriver {
   std::atomic<bool> end_effector_connected_{false};
   std::atomic<Phase> phase_{Phase::offline};
   std::atomic<const char*> stop_requested_{nullptr};  // set by the loop: why
-  std::atomic<std::int64_t> running_ns_{
-      0};  // when the loop was to answer a motion; 0: it has, or does not run
+  // Since when a motion waits for the loop's first torque; 0: not any more, or no loop runs.
+  static constexpr std::int64_t kUnanswered = -1;  // while it starts
+  std::atomic<std::int64_t> running_ns_{0};
   std::atomic<std::int64_t> stopped_ns_{0};         // time of the last request to stop its motion
   std::atomic<double> low_success_{1};              // set by the loop: share to be reported; 1: none
   std::atomic<ArmMotion> requested_motion_;         // set by the loop
