@@ -505,8 +505,7 @@ TEST_F(Backends, AMotionThatWaitedForItsFirstTorqueDuringAStallIsStopped) {
   while (cycle_->data().state[0].mode != ArmMode::move) step();
   EXPECT_THAT(said_, HasSubstr("stalled before the motion's first torque, and the motion was stopped"));
 
-  // A motion that has had its first torque goes on after any time, also if the arm was out of it for a
-  // moment.
+  // A motion that has had its first torque goes on after any time, also if the arm left it shortly.
   std::this_thread::sleep_for(GapWatch::kLongest + std::chrono::milliseconds(200));
   const auto show = [&](RobotMode mode) {
     fakes_[0]->change([&](RobotState& s) { s.robot_mode = static_cast<std::uint8_t>(mode); });
