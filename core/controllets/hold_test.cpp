@@ -49,7 +49,7 @@ TEST(Hold, TorqueIsTheStatedLaw) {
   }
 }
 
-// On a slow way the modes are those of a place nearby: the torque is that of a hold that finds them anew.
+// On a slow way the modes are those of a place nearby: the torque is that of a hold that finds them again.
 TEST(Hold, TorqueOnASlowWayIsThatOfANewHold) {
   Draw draw(83);
   const auto model = panda();
@@ -63,13 +63,13 @@ TEST(Hold, TorqueOnASlowWayIsThatOfANewHold) {
     on_its_way.place(0, q, dq);
     ASSERT_EQ(on_its_way.update(), LawResult::ok);
     if (i % 97 != 0) continue;
-    ControlletRig anew(hold_controllet(), {model});
-    anew.place(0, q_0, joint_constant(7, 0));
-    ASSERT_EQ(anew.start(), LawResult::ok);
-    anew.place(0, q, dq);
-    ASSERT_EQ(anew.update(), LawResult::ok);
-    const JointVector difference = on_its_way.tau(0) - anew.tau(0);
-    largest = std::max(largest, difference.norm() / std::max(1.0, anew.tau(0).norm()));
+    ControlletRig afresh(hold_controllet(), {model});
+    afresh.place(0, q_0, joint_constant(7, 0));
+    ASSERT_EQ(afresh.start(), LawResult::ok);
+    afresh.place(0, q, dq);
+    ASSERT_EQ(afresh.update(), LawResult::ok);
+    const JointVector difference = on_its_way.tau(0) - afresh.tau(0);
+    largest = std::max(largest, difference.norm() / std::max(1.0, afresh.tau(0).norm()));
   }
   EXPECT_LT(largest, 2e-3);
   EXPECT_GT(largest, 0);  // some were of a place nearby
