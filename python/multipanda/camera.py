@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .base_client import BaseClient
+from .connection import Json
 from .errors import Error, Refused, Timeout
 from .record import Record
 from .scene_camera import SceneCamera, SceneView
@@ -197,6 +198,8 @@ class _SceneCameras:
 
     def open(self) -> None:
         self._view = SceneView(self._scene, self._cameras, self._settings)
+        for name in self._cameras:  # OpenGL begins with the first picture, for which a state would become too old
+            self._view.shoot(name)
 
     def read(self) -> dict[str, tuple[Shot, float]]:
         assert self._view is not None
@@ -205,7 +208,7 @@ class _SceneCameras:
             state = answer["state"]
             if not state["objects"] or state["since_cycle_s"] < _FRESH_S:
                 break
-        t_ns = self._start_ns(state["cycle"])
+        t_ns = self._start_ns(answer)
         joints = {arm["arm"]: np.array(arm["q_rad"]) for arm in state["arms"]}
         widths = {arm["arm"]: arm["gripper"]["width_m"] for arm in state["arms"] if arm.get("gripper")}
         poses = {name: np.r_[at["position_m"], at["quaternion_wxyz"]] for name, at in state["objects"].items()}
@@ -213,8 +216,11 @@ class _SceneCameras:
         spread = state["since_cycle_s"] if poses else 0.0
         return {name: (Shot(*self._view.shoot(name), t_ns), spread) for name in self._cameras}
 
-    def _start_ns(self, cycle: int) -> int:
-        """When a cycle of the last 0.3 s began: an answer's own times include how long it was under way."""
+    def _start_ns(self, answer: Json) -> int:
+        """When the cycle of a state began: from its record, since the answer's own times include delays here."""
+        cycle = answer["state"]["cycle"]
+        if self._client.connection.link is not None:  # which has not every record
+            return self._client.connection.answered_ns(answer) - round(1e9 * answer["state"]["since_cycle_s"])
         shared, deadline = self._client.shared(), time.monotonic() + _END_S
         while time.monotonic() < deadline:
             rows = shared.block(300)

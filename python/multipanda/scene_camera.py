@@ -132,6 +132,7 @@ class SceneView:
         for name, camera in self.cameras.items():
             if camera.on and camera.on not in arms:
                 raise ValueError(f"camera '{name}' is on '{camera.on}'; the scene's arms: {', '.join(sorted(arms))}")
+        self.place({}, {})
         _VIEWS.add(self)
 
     def place(
