@@ -36,7 +36,13 @@ _DRIVER_NS = 2_000_000_000  # a driver's stamp that differs more from now is not
 
 
 class Shot(NamedTuple):
-    """What a camera delivers: rows x columns x 3, depth [m] or None, when it was taken by time.monotonic_ns()."""
+    """What a camera delivers.
+
+    Attributes:
+        rgb: Rows x columns x 3.
+        depth_m: Distance along the view [m], 0: unknown; None: it measures none.
+        t_ns: When it was taken, by time.monotonic_ns() [ns].
+    """
 
     rgb: NDArray[np.uint8]
     depth_m: NDArray[np.float32] | None
@@ -121,7 +127,11 @@ class OpenCvCamera(Camera):
 
 
 class LeRobotCamera(Camera):
-    """One of LeRobot's cameras: LeRobotCamera(RealSenseCamera(RealSenseCameraConfig(...)))."""
+    """One of LeRobot's cameras: LeRobotCamera(RealSenseCamera(RealSenseCameraConfig(...))).
+
+    Attributes:
+        camera: LeRobot's.
+    """
 
     def __init__(self, camera: Any, delay_s: float = 0) -> None:
         super().__init__(delay_s)
@@ -220,7 +230,8 @@ class _SceneCameras:
         """When the cycle of a state began: from its record, since the answer's own times include delays here."""
         cycle = answer["state"]["cycle"]
         if self._client.connection.link is not None:  # which has not every record
-            return self._client.connection.answered_ns(answer) - round(1e9 * answer["state"]["since_cycle_s"])
+            since_s: float = answer["state"]["since_cycle_s"]
+            return self._client.connection.answered_ns(answer) - round(1e9 * since_s)
         shared, deadline = self._client.shared(), time.monotonic() + _END_S
         while time.monotonic() < deadline:
             rows = shared.block(300)
@@ -328,8 +339,12 @@ class Cameras(Mapping[str, Picture]):
             from .picture_log import PictureLog
 
             if log is True and not isinstance(run, Run):
-                raise Refused("no_log", "only mp.run() knows where the run's log is", 'name a file: log="pictures.mcap"')
-            self._log = PictureLog(run.folder / "pictures.mcap" if isinstance(run, Run) and log is True else log, lossless)
+                raise Refused(
+                    "no_log", "only mp.run() knows where the run's log is", 'name a file: log="pictures.mcap"'
+                )
+            self._log = PictureLog(
+                run.folder / "pictures.mcap" if isinstance(run, Run) and log is True else str(log), lossless
+            )
         self._feeds: dict[str, _Feed] = {}
         if simulated:
             feed = _Feed(_SceneCameras(run, str(scene), settings, simulated), list(simulated), self, 1 / rate_hz)
@@ -379,7 +394,9 @@ class Cameras(Mapping[str, Picture]):
         with self._lock:
             if not self._lock.wait_for(lambda: self._newest[name].number > than, timeout_s):
                 why = self._feeds[name].fault or "it delivers nothing new"
-                raise Timeout(f"camera '{name}' has given no picture for {picture.age_s:.1f} s: {why}", "check the camera")
+                raise Timeout(
+                    f"camera '{name}' has given no picture for {picture.age_s:.1f} s: {why}", "check the camera"
+                )
             return self._newest[name]
 
     def pair(self, picture: Picture) -> PairedPicture:

@@ -46,11 +46,11 @@ class Layout:
             self.in_state[arm] = starts[0], starts[1], [at[name] for name in _LISTS]
         self.floats = np.zeros(max(words.stop for _, words in self.fields.values()), dtype=np.bool_)
         self.quaternions: list[slice] = []
-        for name, (kind, words) in self.fields.items():
-            self.floats[words] = kind == "<f8"
-            is_pose = name.rpartition("/")[2].startswith("X_") and words.stop - words.start == 7
+        for name, (kind, place) in self.fields.items():
+            self.floats[place] = kind == "<f8"
+            is_pose = name.rpartition("/")[2].startswith("X_") and place.stop - place.start == 7
             if is_pose or name.endswith("quaternion_wxyz"):
-                self.quaternions.append(slice(words.stop - 4, words.stop))
+                self.quaternions.append(slice(place.stop - 4, place.stop))
         words = ("cycle", "t_ns", "start_ns", "overruns", "total_ns")
         self.cycle, self.t_ns, self.start_ns, self.overruns, self.total_ns = (
             int(self.fields[word][1].start) for word in words

@@ -61,7 +61,7 @@ class SceneCamera:
 
     @property
     def pose(self) -> Pose:
-        """Its optical frame in the world, or in the flange [m]."""
+        """Its optical frame in the world, or in the flange [m]. Raises ValueError if look_at_m is position_m."""
         if self.rpy_rad is not None:
             return Pose.at(self.position_m, rpy_rad=self.rpy_rad)
         way = np.asarray(self.look_at_m, dtype=np.float64) - np.asarray(self.position_m, dtype=np.float64)
@@ -95,7 +95,11 @@ def _mujoco() -> Any:
 
 
 class SceneView:
-    """What cameras of one scene see of a world whose positions are given. Only the thread that made it may use it."""
+    """What cameras of one scene see of a world whose positions are given. Only the thread that made it may use it.
+
+    Attributes:
+        cameras: The cameras by name.
+    """
 
     def __init__(
         self,

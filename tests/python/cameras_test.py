@@ -176,9 +176,9 @@ class Paired(unittest.TestCase):
             found = errors_s(run, Late(run, 0.08, 0.08), 12)
             self.assertLess(found[:, 0].max(), 5e-3)
             self.assertLess(found[:, 1].max(), 5e-3)
-            # The same measure finds a delay that nobody has declared.
-            found = errors_s(run, Late(run, 0.08, 0.0), 6)
-            self.assertGreater(np.median(found[:, 0]), 0.04)
+            # The same measure finds an undeclared delay; less than 80 ms where the speed changes meanwhile.
+            found = errors_s(run, Late(run, 0.08, 0.0), 8)
+            self.assertGreater(np.median(found[:, 0]), 0.015)
 
     def test_pictures_of_a_run_are_those_of_their_states(self):
         with Swinging() as run, mp.Cameras(run, {"hand": ON_FLANGE, "world": STANDING}) as see:
@@ -337,10 +337,8 @@ class Logged(unittest.TestCase):
         self.assertEqual(set(found), {"hand", "hand/depth"})
         log = mp.read_log(run.log)
         for picture in kept.values():
-            (logged,) = (
-                k for k, each in enumerate(found["hand"]) if np.array_equal(each.pixels, picture.rgb) and k == picture.number - 1
-            )
-            each, depth = found["hand"][logged], found["hand/depth"][logged]
+            each, depth = (found[name][picture.number - 1] for name in ("hand", "hand/depth"))
+            np.testing.assert_array_equal(each.pixels, picture.rgb)
             self.assertIn(round(each.t_s, 6), np.round(log["arm/state/t"], 6))  # the instant of a cycle
             np.testing.assert_allclose(depth.pixels, 1000 * picture.depth_m, atol=1)
             self.assertLess(each.error_s, 0.05)

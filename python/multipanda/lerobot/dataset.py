@@ -150,7 +150,7 @@ def _sampled(files: list[bytes]) -> NDArray[Any]:
 
 
 def _statistics(name: str, parts: list[Any]) -> dict[str, Any]:
-    """Of a feature; those of pictures have the shape 3 x 1 x 1."""
+    """The statistics of a feature; those of pictures have the shape 3 x 1 x 1."""
     found = statistics(np.concatenate(parts))
     if not name.startswith(IMAGES):
         return dict(found)

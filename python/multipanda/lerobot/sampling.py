@@ -2,8 +2,8 @@
 
 Frame k of an episode is the newest cycle at or before its start + k / fps of which the log has every number that the
 data set needs. Frames before all arms are commanded and after it are dropped. The action is the set-point that the
-arm's controllet followed in that very cycle. Beside a log with pictures a frame has the newest one of each camera, and the
-state of the instant of the first camera's, interpolated between two cycles.
+arm's controllet followed in that very cycle. Beside a log with pictures a frame has the newest one of each camera, and
+the state of the instant of the first camera's, interpolated between two cycles.
 """
 
 from __future__ import annotations
@@ -268,7 +268,9 @@ class Sampler:
             about["pairing_error_s"][name] = float((np.abs(times[newest] - instants) + own).max())
         return shown, about if shown else {}
 
-    def _rows(self, group: list[Series], cycles: Values, after: Values | None = None, share: Array | None = None) -> Array:
+    def _rows(
+        self, group: list[Series], cycles: Values, after: Values | None = None, share: Array | None = None
+    ) -> Array:
         """The numbers of cycles, or those a share of the way to later cycles."""
         parts = []
         for series in group:
