@@ -397,9 +397,11 @@ class Pictures(unittest.TestCase):
                     episode, oldest_s = run.episode(), 0.0
                     run["left_joint"].goal("joints", rest + 0.2 * (-1) ** attempt, duration_s=1)
                     end_s = run.state().t_s + 1
+                    picture = see["top"]
                     while run.state().t_s < end_s:
-                        oldest_s = max(oldest_s, see["top"].age_s)
-                    if oldest_s < 0.15:
+                        following = see.newer("top", picture.number)
+                        oldest_s, picture = max(oldest_s, picture.age_s), following
+                    if oldest_s < 0.45:
                         episode.success()
                         break
                     episode.failure()
@@ -423,9 +425,11 @@ class Pictures(unittest.TestCase):
         view = SceneView(two_arms(), {"top": camera})
         origin = json.loads((out / "meta/multipanda.json").read_text(encoding="utf-8"))["episodes"][0]
         first = origin["frames_dropped"][0]
+        used = []
         for k, file in enumerate(files):
             due = start + (k + first) / self.FPS
             shown = max((each for each in logged if each.t_s <= due + 1e-9), key=lambda each: each.t_s)
+            used.append(shown)
             self.assertEqual(file["bytes"], shown.data)
             by_joint = [np.interp(shown.t_s, times, angles[:, j]) for j in range(7)]
             np.testing.assert_allclose(states[k], by_joint, rtol=0, atol=1e-6)
@@ -437,8 +441,8 @@ class Pictures(unittest.TestCase):
             different = np.abs(drawn - shown.pixels).max(axis=2) > 8
             self.assertLess(different.mean(), 0.005)
         self.assertGreater(np.abs(states[-1] - states[0]).max(), 0.1)
-        self.assertLess(origin["pairing_error_s"]["top"], 0.05)
-        self.assertLessEqual(origin["picture_age_s"]["top"], 0.2)
+        self.assertEqual(origin["pairing_error_s"]["top"], max(each.error_s for each in used))
+        self.assertLessEqual(origin["picture_age_s"]["top"], 0.5)
         stats = json.loads((out / "meta/stats.json").read_text(encoding="utf-8"))["observation.images.top"]
         self.assertEqual(np.shape(stats["mean"]), (3, 1, 1))
         everything = np.concatenate([each.pixels.reshape(-1, 3) / 255 for each in logged])

@@ -24,7 +24,7 @@ from .dataset import Frames
 from .names import SteadySigns
 
 Values = NDArray[Any]
-_OLDEST_S = 0.2  # age from which on a picture does not show the frame's state
+_OLDEST_S = 0.5  # age from which on a camera has stalled, as in Cameras
 
 
 class LeftOut(Exception):
