@@ -333,8 +333,11 @@ class Cameras(Mapping[str, Picture]):
         if isinstance(run, Run) and scene is None:
             scene, settings = run.scene_file, run.settings
         if simulated and scene is None:
-            run.arm_model("")  # refuses, with the reason
-            raise Refused("unknown_scene", "the scene of this run is not known", "name it: Cameras(..., scene=...)")
+            raise Refused(
+                "unknown_scene",
+                "a client that has connected to a run does not know its scene's file",
+                "name it: Cameras(..., scene=...)",
+            )
         if log:
             from .picture_log import PictureLog
 
@@ -365,8 +368,8 @@ class Cameras(Mapping[str, Picture]):
         if log is not None:
             try:
                 log.write(self.pair(picture))
-            except Error as ended:  # the run
-                _LOGGER.warning("a picture of camera %s is not logged: %s", name, ended)
+            except (Error, OSError) as why:  # the run has ended, the disk is full: no fault of the camera
+                _LOGGER.warning("a picture of camera %s is not logged: %s", name, why)
 
     def _fault(self, picture: Picture) -> str:
         if fault := self._feeds[picture.camera].fault:
