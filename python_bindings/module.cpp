@@ -176,6 +176,17 @@ Eigen::VectorXd coriolis(ArmTerms& arm, const Eigen::VectorXd& q, const Eigen::V
   return arm.at(q, dq).c();
 }
 
+// The model of a scene's world in MuJoCo's binary format, with other values (with_values).
+nb::bytes world_model(const std::string& scene, const std::vector<std::string>& settings) {
+  const OpenedScene opened = open_scene(scene);
+  const MujocoBackend backend(settings.empty() ? opened.scene : with_values(opened, settings),
+                              {.pace = Pace::unpaced});
+  const mjModel* model = backend.world().model();
+  std::string bytes(static_cast<std::size_t>(mj_sizeModel(model)), '\0');
+  mj_saveModel(model, nullptr, bytes.data(), static_cast<mjtSize>(bytes.size()));
+  return nb::bytes(bytes.data(), bytes.size());
+}
+
 }  // namespace
 }  // namespace multipanda
 
@@ -203,6 +214,7 @@ NB_MODULE(multipanda_native_core, module) {
       .def("mass", &mass)
       .def("gravity", &gravity)
       .def("coriolis", &coriolis);
+  module.def("world_model", &world_model, "scene"_a, "settings"_a);
   nb::class_<Batch>(module, "Batch")
       .def(nb::init<const std::string&, std::size_t, std::size_t>(), "scene"_a, "count"_a, "threads"_a)
       .def_prop_ro("count", &Batch::count)

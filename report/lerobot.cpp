@@ -41,7 +41,9 @@ class WorkFolder {
 Json about(const fs::path& log, const fs::path& npz) {
   const RunOfLog run = read_run(log);
   const fs::path whole = fs::absolute(log).lexically_normal();
-  Json out{{"name", (whole.parent_path().filename() / whole.filename()).string()}, {"npz", npz.string()}};
+  Json out{{"name", (whole.parent_path().filename() / whole.filename()).string()},
+           {"log", whole.string()},
+           {"npz", npz.string()}};
   const auto scene = run.run.find("scene");
   out["scene"] = scene != run.run.end() ? scene->second : whole.stem().string();
   const Json layout = Json::parse(run.layout, nullptr, false);

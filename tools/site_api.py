@@ -59,6 +59,23 @@ PAGES = {
         "Control laws in Python, compiled into the loop. The guide is [Laws in Python](../python_laws.md).",
         ("law", "Law", "PlacedLaw", "LawParameter", "LawInput", "Evaluation", "law_math"),
     ),
+    "cameras": Page(
+        "Cameras",
+        "Pictures beside a run, drawn or real, with the state of their instant. The guide is [Cameras](../cameras.md).",
+        (
+            "Cameras",
+            "SceneCamera",
+            "OpenCvCamera",
+            "LeRobotCamera",
+            "Camera",
+            "Shot",
+            "Picture",
+            "PairedPicture",
+            "SceneView",
+            "read_pictures",
+            "LoggedPicture",
+        ),
+    ),
     "logs": Page(
         "Logs and commands",
         "Reads recorded runs, and calls the program's longer commands.",

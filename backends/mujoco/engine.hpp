@@ -26,7 +26,8 @@ namespace multipanda {
   F(mjv_defaultCamera) F(mjv_defaultOption) F(mjv_defaultScene) F(mjv_freeScene) F(mjv_makeScene) F(mjv_updateCamera) \
   F(mjv_updateScene) \
   F(mjr_defaultContext) F(mjr_freeContext) F(mjr_makeContext) F(mjr_readPixels) F(mjr_render) F(mjr_setBuffer) \
-  F(mjb_apply) F(mjb_defaultConfig) F(mjb_deleteBatch) F(mjb_error) F(mjb_makeBatch) F(mjb_setModels)
+  F(mjb_apply) F(mjb_defaultConfig) F(mjb_deleteBatch) F(mjb_error) F(mjb_makeBatch) F(mjb_setModels) \
+  F(mj_sizeModel) F(mj_saveModel)
 // clang-format on
 
 #define MULTIPANDA_DECLARE(name) extern decltype(&::name) name;

@@ -2,6 +2,7 @@
 
 from ._version import __version__
 from .arm import Arm, Gripper, Vacuum
+from .camera import Camera, Cameras, LeRobotCamera, OpenCvCamera, PairedPicture, Picture, Shot
 from .client import Client, connect
 from .commands import Report, compare, experiment, identify, refine, report
 from .connection import running_sockets, stop_all
@@ -17,9 +18,11 @@ from .log import Log, read_log
 from .model import ArmModel, model
 from .notebook import live_table
 from .parameters import Parameter
+from .picture_log import LoggedPicture, read_pictures
 from .pose import Pose
 from .program import program_path
 from .record import History, Record
+from .scene_camera import SceneCamera, SceneView
 from .space_mouse import SpaceMouse
 from .ssh import Clock
 from .started import Run, Summary, play, run
@@ -33,6 +36,8 @@ __all__ = [
     "Arm",
     "ArmModel",
     "ArmState",
+    "Camera",
+    "Cameras",
     "Client",
     "Clock",
     "Controllet",
@@ -42,17 +47,22 @@ __all__ = [
     "Evaluation",
     "Event",
     "Events",
-    "History",
     "Goal",
     "Gripper",
     "GripperState",
+    "History",
     "JogLimits",
     "Law",
     "LawInput",
     "LawParameter",
+    "LeRobotCamera",
     "Log",
     "LoggedEpisode",
+    "LoggedPicture",
+    "OpenCvCamera",
+    "PairedPicture",
     "Parameter",
+    "Picture",
     "PlacedLaw",
     "Pose",
     "ProgramMissing",
@@ -62,6 +72,9 @@ __all__ = [
     "Report",
     "Run",
     "RunState",
+    "SceneCamera",
+    "SceneView",
+    "Shot",
     "SpaceMouse",
     "Stream",
     "StudyResult",
@@ -81,6 +94,7 @@ __all__ = [
     "play",
     "program_path",
     "read_log",
+    "read_pictures",
     "refine",
     "report",
     "run",

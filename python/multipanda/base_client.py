@@ -145,6 +145,24 @@ class BaseClient:
             time.sleep(0.001)
         return record
 
+    def record_at(self, start_ns: int) -> tuple[Record, float]:
+        """The state at an instant of the last 2 s, interpolated between the records around it.
+
+        Args:
+            start_ns: The instant by time.monotonic_ns() [ns].
+
+        Returns:
+            The record, and the time to the nearest one that was recorded [s].
+
+        Raises:
+            Timeout: The run has made no cycle yet.
+        """
+        self.record()  # waits for the first cycle
+        found = self.shared().at(start_ns)
+        if found is None:
+            raise Timeout("the run has made no cycle", "see its messages")
+        return found[0], 1e-9 * found[1]
+
     def records(self) -> Records:
         """Every record from now on, until the run ends or the loop is left. `lost` counts those missed.
 

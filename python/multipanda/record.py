@@ -44,6 +44,13 @@ class Layout:
             at = self.arms[arm] = {name: self.fields[f"{arm}/{name}"][1] for name in names}
             starts = [[at[name].start for name in names] for names in (_INTEGERS, _FLOATS)]
             self.in_state[arm] = starts[0], starts[1], [at[name] for name in _LISTS]
+        self.floats = np.zeros(max(words.stop for _, words in self.fields.values()), dtype=np.bool_)
+        self.quaternions: list[slice] = []
+        for name, (kind, place) in self.fields.items():
+            self.floats[place] = kind == "<f8"
+            is_pose = name.rpartition("/")[2].startswith("X_") and place.stop - place.start == 7
+            if is_pose or name.endswith("quaternion_wxyz"):
+                self.quaternions.append(slice(place.stop - 4, place.stop))
         words = ("cycle", "t_ns", "start_ns", "overruns", "total_ns")
         self.cycle, self.t_ns, self.start_ns, self.overruns, self.total_ns = (
             int(self.fields[word][1].start) for word in words
@@ -184,6 +191,26 @@ class Record:
             row.item(layout.overruns),
             {name: self.arm(name) for name in layout.arms},
         )
+
+
+def between(before: Record, after: Record, start_ns: int) -> Record:
+    """The record of an instant between two: numbers are interpolated, everything else is the earlier one's."""
+    layout = before._layout
+    gap_ns = after.start_ns - before.start_ns
+    share = min(max((start_ns - before.start_ns) / gap_ns, 0.0), 1.0) if gap_ns > 0 else 0.0
+    row = before._row.copy()
+    floats = row.view(np.float64)[: len(layout.floats)]
+    target = after._floats[: len(layout.floats)].copy()
+    for words in layout.quaternions:  # q and -q are one orientation
+        if floats[words] @ target[words] < 0:
+            target[words] *= -1
+    if share > 0:  # a flag of one record that has no numbers in the other would make them not a number
+        floats[layout.floats] += share * (target - floats)[layout.floats]
+    for words in layout.quaternions:
+        floats[words] /= max(float(np.linalg.norm(floats[words])), 1e-12)
+    for word in (layout.t_ns, layout.start_ns):
+        row[word] += round(share * (after._row.item(word) - before._row.item(word)))
+    return Record(layout, row)
 
 
 class History:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from .connection import Json, accepted
 from .errors import Disconnected, Refused, VersionMismatch
-from .record import Layout, Record
+from .record import Layout, Record, between
 
 _HEADER_BYTES = 96
 _TABLE_BYTES, _TABLE_HASH, _BYTES, _RECORDS, _RECORDS_LOST, _EVENTS, _EVENTS_LOST = 1, 2, 3, 8, 9, 10, 11  # words
@@ -173,6 +173,27 @@ class SharedRecords:
         after = self._rows[numbers % self.capacity, 0]
         whole: NDArray[np.int64] = rows[(rows[:, 0] == 2 * numbers + 2) & (after == 2 * numbers + 2)]
         return whole
+
+    def at(self, start_ns: int) -> tuple[Record, int] | None:
+        """The state at an instant by time.monotonic_ns(), interpolated between the records around it.
+
+        Returns:
+            The record, and the time to the nearest one that was recorded [ns]; None before the first cycle.
+        """
+        while (written := self.written) > 0:
+            numbers = np.arange(max(0, written - self.capacity), written)
+            places = numbers % self.capacity
+            whole = self._rows[places, 0] == 2 * numbers + 2
+            numbers, starts = numbers[whole], self._rows[places, self.layout.start_ns][whole]
+            if not len(numbers):
+                continue
+            after = int(np.searchsorted(starts, start_ns))
+            pair = (numbers[max(after - 1, 0)], numbers[min(after, len(numbers) - 1)])
+            first, second = (self.read(int(number)) for number in pair)
+            if first is not None and second is not None:  # None: the ring wrapped meanwhile
+                apart = min(abs(start_ns - first.start_ns), abs(start_ns - second.start_ns))
+                return between(first, second, start_ns), apart
+        return None
 
     def read_event(self, number: int) -> tuple[int, int, Json] | None:
         """Cycle, loop time [ns] and contents of an event; None if it is not there yet, or not any more."""

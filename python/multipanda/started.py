@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import itertools
 import json
 import os
@@ -13,7 +12,7 @@ import subprocess
 import tempfile
 import time
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import IO, Any
 
 from .client import Client
@@ -176,6 +175,8 @@ class Run(Client):
     Attributes:
         summary: The run's summary once it is over; None before.
         process: The program.
+        scene_file: Name or file of its scene.
+        settings: Other values of the scene, as for run().
     """
 
     def __init__(
@@ -184,10 +185,11 @@ class Run(Client):
         socket: pathlib.Path,
         start_timeout_s: float,
         end_timeout_s: float,
-        arm_model: Callable[[str], ArmModel],
+        scene_file: str,
+        settings: Mapping[str, Any],
     ) -> None:
         self.process = process
-        self._arm_model = arm_model
+        self.scene_file, self.settings = scene_file, settings
         self._socket = socket
         self._end_timeout_s = end_timeout_s
         self.summary: Summary | None = None
@@ -224,7 +226,7 @@ class Run(Client):
 
     def arm_model(self, arm: str) -> ArmModel:
         """As Arm.model, but of the scene's file alone."""
-        return self._arm_model(arm)
+        return model(self.scene_file, arm=arm, settings=self.settings)
 
     def _end_process(self) -> int:
         try:
@@ -259,6 +261,19 @@ class Run(Client):
         if self.summary is None:
             raise Refused("running", "the log is complete when the run is over", "leave `with` or call close() first")
         return self.summary.log
+
+    @property
+    def folder(self) -> pathlib.Path:
+        """The folder of the log while it is written.
+
+        Raises:
+            Refused: The run is not recorded.
+        """
+        for file in pathlib.Path(f"/proc/{self.process.child.pid}/fd").glob("*"):
+            with contextlib.suppress(OSError):
+                if (log := pathlib.Path(os.readlink(file))).name == "log.mcap":
+                    return log.parent
+        raise Refused("no_log", "this run is not recorded", 'record it: mp.run(..., record="runs")')
 
     def wait(self, timeout_s: float | None = None) -> Summary:
         """Waits until the scene is over by itself (seconds=... or timeline=True), then closes.
@@ -371,10 +386,6 @@ def play(
     return _summary(process, code)
 
 
-def _model_of(scene: str | os.PathLike[str], settings: Mapping[str, Any], arm: str) -> ArmModel:
-    return model(scene, arm=arm, settings=settings)
-
-
 def run(
     scene: str | os.PathLike[str],
     *,
@@ -435,5 +446,5 @@ def run(
         words.append("--ros")
     socket = make_socket_folder() / f"python-{os.getpid()}-{next(_NUMBERS)}.sock"
     words += ["--socket", str(socket), *arguments]
-    of_scene = functools.partial(_model_of, os.path.abspath(scene) if os.path.isfile(scene) else scene, settings)
-    return Run(Process(words), socket, start_timeout_s, end_timeout_s, of_scene)
+    file = os.path.abspath(scene) if os.path.isfile(scene) else os.fspath(scene)
+    return Run(Process(words), socket, start_timeout_s, end_timeout_s, file, settings)

@@ -198,6 +198,13 @@ class Snippets(unittest.TestCase):
         self.assertRegex(said, r"at \[.*\]\none_arm: \d+ cycles")
         self.assertLessEqual(len(PAGES["README.md"].splitlines()), 90)
 
+    @unittest.skipIf(importlib.util.find_spec("OpenGL") is None, "PyOpenGL is not installed")
+    def test_page_cameras(self):
+        said = self.run_page("docs/cameras.md", FOLDER / "cameras_page")
+        self.assertTrue(said.startswith("(240, 320, 3) "), said)
+        (pictures,) = (FOLDER / "cameras_page").glob("runs/*/pictures.mcap")
+        self.assertGreater(pictures.stat().st_size, 1000)
+
     def test_page_python_laws(self):
         if not importlib.util.find_spec("numba"):
             self.skipTest("Numba is not installed")

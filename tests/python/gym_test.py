@@ -102,7 +102,7 @@ class Checkers(unittest.TestCase):
     def test_what_is_refused(self):
         for options, said in (
             ({"action": "torque"}, "pose, impedance, wrench, joints"),
-            ({"render_mode": "human"}, "render_mode None"),
+            ({"render_mode": "human"}, "rgb_array or None"),
             ({"rate_hz": 30}, "divides 1000"),
             ({"autoreset_mode": AutoresetMode.SAME_STEP}, "SAME_STEP"),
         ):

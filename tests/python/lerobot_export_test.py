@@ -3,6 +3,7 @@
 
 import csv
 import functools
+import importlib.util
 import json
 import math
 import os
@@ -16,6 +17,7 @@ import multipanda as mp
 import numpy as np
 from harness import FOLDER, PATIENCE, ROOT, until
 from lerobot_scenes import edited, two_arms
+from multipanda.scene_camera import SceneView
 
 ENVIRONMENT = pathlib.Path(sys.argv.pop(2)).absolute() if len(sys.argv) > 2 else ROOT / "build" / "lerobot-env"
 sys.path.insert(0, str(ROOT / "tools"))
@@ -378,6 +380,73 @@ class Grippers(unittest.TestCase):
         np.testing.assert_array_equal(aim[to_grasp], 0)
         self.assertEqual(aim[-1], 0)  # it holds the box
         self.assertAlmostEqual(width[-1], 0.04, delta=2e-3)
+
+
+@unittest.skipIf(importlib.util.find_spec("OpenGL") is None, "PyOpenGL is not installed")
+class Pictures(unittest.TestCase):
+    FPS = 10
+
+    def test_pictures_are_those_that_were_drawn_with_the_state_of_their_instant(self):
+        camera = mp.SceneCamera([1.4, -1, 1], look_at_m=[0.4, 0, 0.3], width=64, height=48)
+        with mp.run(two_arms(), record=FOLDER / "seen") as run:
+            with mp.Cameras(run, {"top": camera}, log=True, lossless=True) as see:
+                run.switch(["left_joint", "right_joint"])
+                see.newer("top", 2)
+                rest = run.arms["left"].state.q_rad
+                for attempt in range(20):  # until this computer draws in time: older pictures leave an episode out
+                    episode, oldest_s = run.episode(), 0.0
+                    run["left_joint"].goal("joints", rest + 0.2 * (-1) ** attempt, duration_s=1)
+                    end_s = run.state().t_s + 1
+                    picture = see["top"]
+                    while run.state().t_s < end_s:
+                        following = see.newer("top", picture.number)
+                        oldest_s, picture = max(oldest_s, picture.age_s), following
+                    if oldest_s < 0.45:
+                        episode.success()
+                        break
+                    episode.failure()
+        out = FOLDER / "seen_set"
+        said = export(run.log, "--lerobot", out, "--fps", self.FPS, "--arms", "left", "--action", "joints")
+        info = json.loads((out / "meta/info.json").read_text(encoding="utf-8"))
+        about = info["features"]["observation.images.top"]
+        self.assertEqual(about, {"dtype": "image", "shape": [48, 64, 3], "names": ["height", "width", "channels"]})
+        import pyarrow.parquet as pq
+
+        table = pq.read_table(out / "data/chunk-000/file-000.parquet")
+        files = table.column("observation.images.top").to_pylist()
+        states = np.array(table.column("observation.state").to_pylist())
+        self.assertGreater(len(files), 5, said)
+        start = next(each.start_s for each in mp.read_log(run.log).episodes if each.outcome == "success")
+        logged = mp.read_pictures(run.log.parent / "pictures.mcap")["top"]
+        rows = Tables(run.log).rows("left_state", ("q",))
+        both = Tables(run.log).rows("right_state", ("q",))
+        times = np.array([t for t, _ in rows.values()])
+        angles = np.array([q for _, q in rows.values()])
+        view = SceneView(two_arms(), {"top": camera})
+        origin = json.loads((out / "meta/multipanda.json").read_text(encoding="utf-8"))["episodes"][0]
+        first = origin["frames_dropped"][0]
+        used = []
+        for k, file in enumerate(files):
+            due = start + (k + first) / self.FPS
+            shown = max((each for each in logged if each.t_s <= due + 1e-9), key=lambda each: each.t_s)
+            used.append(shown)
+            self.assertEqual(file["bytes"], shown.data)
+            by_joint = [np.interp(shown.t_s, times, angles[:, j]) for j in range(7)]
+            np.testing.assert_allclose(states[k], by_joint, rtol=0, atol=1e-6)
+            cycle = int(np.argmin(np.abs(times - shown.t_s)))
+            q = {"left": angles[cycle], "right": list(both.values())[cycle][1]}
+            view.place({name: np.array(values) for name, values in q.items()}, {})
+            drawn = view.shoot("top")[0].astype(int)
+            # A box that has settled by micrometers, and angles of a table with nine digits, may change a pixel's edge.
+            different = np.abs(drawn - shown.pixels).max(axis=2) > 8
+            self.assertLess(different.mean(), 0.005)
+        self.assertGreater(np.abs(states[-1] - states[0]).max(), 0.1)
+        self.assertEqual(origin["pairing_error_s"]["top"], max(each.error_s for each in used))
+        self.assertLessEqual(origin["picture_age_s"]["top"], 0.5)
+        stats = json.loads((out / "meta/stats.json").read_text(encoding="utf-8"))["observation.images.top"]
+        self.assertEqual(np.shape(stats["mean"]), (3, 1, 1))
+        everything = np.concatenate([each.pixels.reshape(-1, 3) / 255 for each in logged])
+        np.testing.assert_allclose(np.ravel(stats["mean"]), everything.mean(axis=0), atol=0.02)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 packages are tested on the structure of its base classes."""
 
 import contextlib
+import importlib.util
 import math
 import os
 import signal
@@ -665,6 +666,21 @@ class Packages(unittest.TestCase):
         config.cameras["top"].fails = True
         with self.assertRaisesRegex(ConnectionError, "no camera"):
             robot.connect()
+        self.assertEqual(harness.sockets(), [])
+
+    @unittest.skipIf(importlib.util.find_spec("OpenGL") is None, "PyOpenGL is not installed")
+    def test_cameras_of_the_scene_are_part_of_the_observation(self):
+        cameras = {"front": {"position_m": [1.4, -1, 1], "look_at_m": [0.4, 0, 0.3], "width": 64, "height": 48}}
+        with self.assertRaisesRegex(ValueError, "expected `scene`"):
+            self.config(harness.FOLDER, arms=["left"], scene_cameras=cameras)
+        config = self.config(harness.FOLDER, scene=str(two_arms()), arms=["left"], scene_cameras=cameras)
+        robot = self.packages.robot_package.Multipanda(config)
+        self.assertEqual(robot.observation_features["front"], (48, 64, 3))
+        robot.connect()
+        picture = robot.get_observation()["front"]
+        self.assertEqual((picture.shape, picture.dtype), ((48, 64, 3), np.uint8))
+        self.assertGreater(picture.std(), 5)  # it shows something
+        robot.disconnect()
         self.assertEqual(harness.sockets(), [])
 
     def test_leaders(self):

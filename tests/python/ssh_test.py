@@ -2,6 +2,7 @@
 """Arms on another computer: a real sshd on loopback, with a relay between that delays, stalls, falls silent, ends."""
 
 import contextlib
+import importlib.util
 import os
 import pathlib
 import random
@@ -16,6 +17,7 @@ import unittest
 
 import harness  # first: it sets the paths
 import multipanda as mp
+import numpy as np
 from harness import FOLDER, PATIENCE, until
 
 SSHD = shutil.which("sshd", path=os.environ.get("PATH", "") + ":/usr/sbin:/usr/local/sbin")
@@ -196,6 +198,16 @@ class OverSsh(unittest.TestCase):
                     self.assertGreater(len(far.history(1)), 3)
                 self.assertEqual(self.run_.active, ["left_cartesian", "right_cartesian"])  # it left in order
                 self.assertTrue(not stall_s or relay.stalls)
+
+    @unittest.skipIf(importlib.util.find_spec("OpenGL") is None, "PyOpenGL is not installed")
+    def test_cameras_are_drawn_where_the_client_is(self):
+        camera = mp.SceneCamera([1.4, -1, 1], look_at_m=[0.4, 0, 0.3], width=64, height=48)
+        with self.connect(silence_s=10) as far, mp.Cameras(far, {"top": camera}, scene="two_arms") as see:
+            pair = see.pair(see.newer("top", 1))
+            self.assertGreater(pair.picture.rgb.std(), 5)  # it shows something
+            self.assertGreaterEqual(pair.error_s, 0)
+            near = self.run_.arms["left"].state.q_rad  # at rest
+            np.testing.assert_allclose(pair.record["left/q_rad"], near, atol=0.02)
 
     @unittest.skipUnless(FULL, "in real time, on a quiet computer: test --long")
     def test_a_stream(self):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import gymnasium
@@ -11,18 +13,25 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from ..rotations import Array
+from ..scene_camera import SceneCamera
 from ..tasks.actions import LEAD_STEPS
 from ..tasks.task import Numbers, Start, Task
+from .pixels import STATE, Pixels
+from .pixels import spaces_of as picture_spaces
 from .worlds import Worlds
 
 Mask = NDArray[np.bool_]
 Info = dict[str, Any]
 
 
-def spaces_of(task: Task, action: str, privileged: bool) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+def spaces_of(
+    task: Task, action: str, privileged: bool, cameras: Mapping[str, SceneCamera] = MappingProxyType({})
+) -> tuple[gymnasium.spaces.Space[Any], gymnasium.spaces.Box]:
     """The spaces of one world: observation and action."""
     names = task.observation_names + (task.privileged_names if privileged else [])
-    observation = gymnasium.spaces.Box(-np.inf, np.inf, (len(names),), np.float32)
+    observation: gymnasium.spaces.Space[Any] = gymnasium.spaces.Box(-np.inf, np.inf, (len(names),), np.float32)
+    if cameras:
+        observation = gymnasium.spaces.Dict({STATE: observation, **picture_spaces(cameras)})
     return observation, gymnasium.spaces.Box(-1, 1, (task.mapping(action).size,), np.float32)
 
 
@@ -51,6 +60,7 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 0,
+        cameras: Mapping[str, SceneCamera] = MappingProxyType({}),
         render_mode: str | None = None,
     ) -> None:
         """
@@ -65,32 +75,33 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
             max_episode_steps: Length of an episode; by default the task's.
             autoreset_mode: NEXT_STEP, or DISABLED: reset with the option `reset_mask`.
             threads: How many threads step the worlds; 0: as many as there are processors.
-            render_mode: None: nothing is rendered.
+            cameras: Cameras by name, whose pictures are observed: observations are then a dict of `state` and these.
+            render_mode: `rgb_array`: render() draws each world as the first camera sees it, or from in front.
 
         Raises:
             ValueError: A kind of action, rate or mode that there is not.
-            TypeError: A render_mode but None: Stable-Baselines3's `make_vec_env` then tries without.
+            ModuleNotFoundError: Cameras, or at the first render(), without MuJoCo for Python or PyOpenGL.
         """
         mode = AutoresetMode(autoreset_mode)
         if mode is AutoresetMode.SAME_STEP:
             raise ValueError("expected autoreset_mode NEXT_STEP or DISABLED, found SAME_STEP")
-        if render_mode is not None:
-            raise TypeError(
-                f"expected render_mode None, found '{render_mode}': record a run and see its report instead"
-            )
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"expected render_mode rgb_array or None, found '{render_mode}'")
         if not 5 <= rate_hz <= 200 or abs(1000 / rate_hz - round(1000 / rate_hz)) > 1e-9:
             raise ValueError(f"expected a rate_hz from 5 to 200 that divides 1000, found {rate_hz}")
         self.task, self.num_envs, self.action_kind, self.mode = task, num_envs, action, mode
         self.privileged_observation = privileged
-        self.render_mode = None
-        self.metadata = {"render_modes": [], "render_fps": rate_hz, "autoreset_mode": mode}
+        self.render_mode = render_mode
+        self.metadata = {"render_modes": ["rgb_array"], "render_fps": rate_hz, "autoreset_mode": mode}
         self.mapping = task.mapping(action)
         self.mapping.rate_hz = rate_hz
         self.limit = max_episode_steps or round(task.seconds * rate_hz)
-        self.single_observation_space, self.single_action_space = spaces_of(task, action, privileged)
+        self.single_observation_space, self.single_action_space = spaces_of(task, action, privileged, cameras)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.worlds = Worlds(task, num_envs, self.mapping.controllets, plants=plants, threads=threads)
+        self._sees = bool(cameras)
+        self._pixels = Pixels(self.worlds, cameras)
         self._randoms: list[np.random.Generator] = []
         self._seeds: list[int] = []
         self._numbers: Numbers = {}
@@ -157,7 +168,16 @@ class TaskVectorEnv(VectorEnv[Any, Any, Any]):
         values = self.task.observe(self.worlds.states(), self._numbers, self._time())
         if self.privileged_observation:
             values = np.concatenate([values, self.task.privileged(self.worlds.truth())], axis=1)
-        return values.astype(np.float32)
+        state = values.astype(np.float32)
+        return {STATE: state, **self._pixels.observed()} if self._sees else state
+
+    def render(self) -> tuple[Any, ...] | None:
+        """A picture of each world, rows x columns x 3; None without render_mode."""
+        return self._pixels.rendered() if self.render_mode else None
+
+    def close_extras(self, **options: Any) -> None:
+        """Frees the pictures' memory."""
+        self._pixels.close()
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, Info]:
         """One action in each world. A world whose episode has ended is reset instead (NEXT_STEP)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import pathlib
 from dataclasses import dataclass, field
@@ -15,6 +16,8 @@ from .stats import statistics
 
 VERSION = "v3.0"
 ROBOT_TYPE = "multipanda"
+IMAGES = "observation.images."
+_SAMPLED, _STEP = 20, 4  # pictures of an episode, and every so many of their pixels, for the statistics
 _FILE_MB = 100  # a larger file ends with the episode
 _CHUNK = 1000  # files per folder
 _PATH = "{}/chunk-{:03d}/file-{:03d}.parquet"
@@ -41,6 +44,7 @@ class Frames:
         state: observation.state, a row per frame, in the order of the names.
         action: action, likewise.
         task: What was to be done.
+        pictures: Files of pictures by camera, a frame each, JPEG or PNG.
         origin: Where it comes from, for meta/multipanda.json.
     """
 
@@ -48,9 +52,18 @@ class Frames:
     action: Array
     task: str
     origin: dict[str, Any] = field(default_factory=dict)
+    pictures: dict[str, list[bytes]] = field(default_factory=dict)
 
 
-def _features(state_names: list[str], action_names: list[str]) -> dict[str, dict[str, Any]]:
+def _pixels(file: bytes) -> NDArray[np.uint8]:
+    from PIL import Image
+
+    return np.array(Image.open(io.BytesIO(file)).convert("RGB"))
+
+
+def _features(
+    state_names: list[str], action_names: list[str], pictures: dict[str, list[bytes]]
+) -> dict[str, dict[str, Any]]:
     def vector(names: list[str]) -> dict[str, Any]:
         return {"dtype": "float32", "shape": [len(names)], "names": names}
 
@@ -58,6 +71,9 @@ def _features(state_names: list[str], action_names: list[str]) -> dict[str, dict
         return {"dtype": kind, "shape": [1], "names": None}
 
     own = {"action": vector(action_names), "observation.state": vector(state_names), "timestamp": scalar("float32")}
+    for name, files in pictures.items():
+        axes = ["height", "width", "channels"]
+        own[IMAGES + name] = {"dtype": "image", "shape": list(_pixels(files[0]).shape), "names": axes}
     return own | {name: scalar("int64") for name in ("frame_index", "episode_index", "index", "task_index")}
 
 
@@ -66,6 +82,11 @@ def _table(columns: dict[str, Any], features: dict[str, dict[str, Any]]) -> Any:
     arrow = _arrow()
     arrays = {}
     for name, about in features.items():
+        if about["dtype"] == "image":  # as in the library datasets: a file's contents, and its name
+            rows = [{"bytes": file, "path": None} for file in columns[name]]
+            kind = arrow.struct([("bytes", arrow.binary()), ("path", arrow.string())])
+            arrays[name] = arrow.array(rows, kind)
+            continue
         kind = arrow.float32() if about["dtype"] == "float32" else arrow.int64()
         flat = arrow.array(np.ascontiguousarray(columns[name]).ravel(), kind)
         vector = about["names"] is not None and about["shape"] != [1]
@@ -122,6 +143,20 @@ def _write_tasks(path: pathlib.Path, tasks: list[str]) -> None:
     arrow.parquet.write_table(table.replace_schema_metadata({"pandas": json.dumps(about)}), str(path))
 
 
+def _sampled(files: list[bytes]) -> NDArray[Any]:
+    """Pixels of some pictures, red, green and blue from 0 to 1: every one would take minutes."""
+    chosen = np.unique(np.linspace(0, len(files) - 1, _SAMPLED).round().astype(int))
+    return np.concatenate([_pixels(files[k])[::_STEP, ::_STEP].reshape(-1, 3) / 255 for k in chosen])
+
+
+def _statistics(name: str, parts: list[Any]) -> dict[str, Any]:
+    """The statistics of a feature; those of pictures have the shape 3 x 1 x 1."""
+    found = statistics(np.concatenate(parts))
+    if not name.startswith(IMAGES):
+        return dict(found)
+    return {key: values if key == "count" else [[[value]] for value in values] for key, values in found.items()}
+
+
 def write_dataset(
     folder: pathlib.Path, episodes: list[Frames], fps: int, state_names: list[str], action_names: list[str]
 ) -> dict[str, Any]:
@@ -141,7 +176,7 @@ def write_dataset(
         ArrowMissing: pyarrow is not installed.
     """
     arrow = _arrow()
-    features = _features(state_names, action_names)
+    features = _features(state_names, action_names, episodes[0].pictures)
     tasks = list(dict.fromkeys(episode.task for episode in episodes))
     data = _Shards(folder, "data")
     rows: list[dict[str, Any]] = []
@@ -149,7 +184,7 @@ def write_dataset(
     begin = 0
     for number, episode in enumerate(episodes):
         count = len(episode.state)
-        columns: dict[str, NDArray[Any]] = {
+        columns: dict[str, Any] = {
             "action": episode.action.astype(np.float32),
             "observation.state": episode.state.astype(np.float32),
             "timestamp": (np.arange(count) / fps).astype(np.float32),
@@ -158,9 +193,12 @@ def write_dataset(
             "index": np.arange(begin, begin + count),
             "task_index": np.full(count, tasks.index(episode.task)),
         }
-        for name, values in columns.items():
-            everything[name].append(values)
+        columns |= {IMAGES + name: files for name, files in episode.pictures.items()}
         data.add(_table(columns, features))
+        for name, files in episode.pictures.items():
+            columns[IMAGES + name] = _sampled(files)
+        for name in features:
+            everything[name].append(columns[name])
         chunk, file = data.place
         row: dict[str, Any] = {
             "episode_index": number,
@@ -172,7 +210,7 @@ def write_dataset(
             "dataset_to_index": begin + count,
         }
         for name in features:
-            row |= {f"stats/{name}/{key}": value for key, value in statistics(columns[name]).items()}
+            row |= {f"stats/{name}/{key}": value for key, value in _statistics(name, [columns[name]]).items()}
         rows.append(row | {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0})
         begin += count
     data.close()
@@ -195,7 +233,7 @@ def write_dataset(
         "robot_type": ROBOT_TYPE,
         "splits": {"train": f"0:{len(episodes)}"},
     }
-    whole = {name: statistics(np.concatenate(parts)) for name, parts in everything.items()}
+    whole = {name: _statistics(name, parts) for name, parts in everything.items()}
     origins = [{"episode_index": k, **episode.origin} for k, episode in enumerate(episodes)]
     for name, contents in (("info", info), ("stats", whole), ("multipanda", {"episodes": origins})):
         text = json.dumps(contents, indent=2, ensure_ascii=False, allow_nan=False)

@@ -104,6 +104,13 @@ def _episodes(
                 notes.append(f"{run.name}: episode {episode.number} is left out: it {why}")
         for word, count in counts.items():
             notes.append(f"{run.name}: {count} of {len(episodes)} episodes left out by their outcome: {word}")
+    shown = [sorted(frames.pictures) for frames in found]
+    if any(names != shown[0] for names in shown):
+        raise Nothing(
+            "some logs have pictures of other cameras than others: "
+            + "; ".join(sorted({", ".join(names) or "none" for names in shown}))
+            + ": export them apart"
+        )
     if not found:
         raise Nothing("no episode is left for a data set:\n  " + "\n  ".join(notes))
     return found

@@ -2,11 +2,13 @@
 
 Frame k of an episode is the newest cycle at or before its start + k / fps of which the log has every number that the
 data set needs. Frames before all arms are commanded and after it are dropped. The action is the set-point that the
-arm's controllet followed in that very cycle.
+arm's controllet followed in that very cycle. Beside a log with pictures a frame has the newest one of each camera, and
+the state of the instant of the first camera's, interpolated between two cycles.
 """
 
 from __future__ import annotations
 
+import pathlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,12 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..episode import LoggedEpisode
+from ..picture_log import LoggedPicture, read_pictures
 from ..rotations import Array
 from ..tasks.arms import in_base, wrench_in_base
 from .dataset import Frames
 from .names import SteadySigns
 
 Values = NDArray[Any]
+_OLDEST_S = 0.5  # age from which on a camera has stalled, as in Cameras
 
 
 class LeftOut(Exception):
@@ -67,11 +71,15 @@ class RecordedRun:
         """
         Args:
             log: The arrays, as read_log() gives them.
-            about: `name`, `bases` (by arm: x y z [m], qw qx qy qz), `instances` (name, arms, inputs).
+            about: `name`, `bases` (by arm: x y z [m], qw qx qy qz), `instances` (name, arms, inputs), `log` (its file;
+                pictures are beside it).
         """
         self.log, self.name = log, str(about["name"])
         self.bases: dict[str, Array] = {arm: np.array(base) for arm, base in about["bases"].items()}
         self.instances: list[dict[str, Any]] = about["instances"]
+        beside = pathlib.Path(about["log"]).with_name("pictures.mcap")
+        found = read_pictures(beside) if beside.exists() else {}
+        self.pictures = {name: shots for name, shots in found.items() if not name.endswith("/depth")}
 
     def _has(self, name: str) -> bool:
         return name in self.log
@@ -204,6 +212,9 @@ class Sampler:
         if not np.isfinite(episode.end_s) or count < 2:
             raise LeftOut("is shorter than two frames")
         due = episode.start_s + np.arange(count) / choice.fps
+        shown, about = self._shown(due)
+        if shown:  # the state is that of the first camera's instant
+            due = np.array([picture.t_s for picture in next(iter(shown.values()))])
         found = np.searchsorted(self.at, due + 1e-9, side="right") - 1
         # A mark follows the record of its cycle, so that cycle may be the first frame.
         age = np.where(found >= 0, due - self.at[np.maximum(found, 0)], np.inf)
@@ -218,6 +229,11 @@ class Sampler:
             raise LeftOut("is shorter than two frames")
         cycles = self.whole[found[whole]]
         rows = [self._rows(series, cycles) for series in (self.states, self.actions)]
+        if shown:
+            after = np.minimum(found[whole] + 1, len(self.whole) - 1)
+            gap = np.maximum(self.at[after] - self.at[found[whole]], 1e-9)
+            share = np.clip((due[whole] - self.at[found[whole]]) / gap, 0, 1)
+            rows[0] = self._rows(self.states, cycles, self.whole[after], share)
         if not all(bool(np.all(np.isfinite(values))) for values in rows):
             raise LeftOut("has numbers that are not finite")
         origin = {
@@ -228,13 +244,45 @@ class Sampler:
             "end_s": episode.end_s,
             "cycles": [int(cycles[0]), int(cycles[-1])],
             "frames_dropped": [first, count - 1 - last],
+            **about,
         }
-        return Frames(rows[0], rows[1], choice.task, origin)
+        files = {name: [pictures[k].data for k in whole] for name, pictures in shown.items()}
+        return Frames(rows[0], rows[1], choice.task, origin, files)
 
-    def _rows(self, group: list[Series], cycles: Values) -> Array:
+    def _shown(self, due: Array) -> tuple[dict[str, list[LoggedPicture]], dict[str, Any]]:
+        """The newest picture of each camera at each time, and for the origin how old and how far apart they are."""
+        shown: dict[str, list[LoggedPicture]] = {}
+        about: dict[str, dict[str, float]] = {"picture_age_s": {}, "pairing_error_s": {}}
+        instants: Array | None = None
+        for name, pictures in self.run.pictures.items():
+            times = np.array([picture.t_s for picture in pictures])
+            newest = np.searchsorted(times, due + 1e-9, side="right") - 1
+            ages = np.where(newest >= 0, due - times[np.maximum(newest, 0)], np.inf)
+            if ages.max() > _OLDEST_S:
+                late = float(due[int(np.argmax(ages > _OLDEST_S))])
+                raise LeftOut(f"has no picture of camera '{name}' in the {_OLDEST_S:g} s before {late:.3f} s")
+            shown[name] = [pictures[k] for k in newest]
+            instants = times[newest] if instants is None else instants
+            own = np.array([picture.error_s for picture in shown[name]])
+            about["picture_age_s"][name] = float(ages.max())
+            about["pairing_error_s"][name] = float((np.abs(times[newest] - instants) + own).max())
+        return shown, about if shown else {}
+
+    def _rows(
+        self, group: list[Series], cycles: Values, after: Values | None = None, share: Array | None = None
+    ) -> Array:
+        """The numbers of cycles, or those a share of the way to later cycles."""
         parts = []
         for series in group:
             values = series.values[np.searchsorted(series.cycle, cycles)]
+            if after is not None and share is not None:
+                target = series.values[np.searchsorted(series.cycle, after)]
+                if series.pose:  # q and -q are one orientation
+                    opposite = np.sum(values[:, 3:] * target[:, 3:], axis=1) < 0
+                    target = np.where(opposite[:, None] & (np.arange(7) > 2), -target, target)
+                values = values + share[:, None] * (target - values)
+                if series.pose:
+                    values[:, 3:] /= np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
             if series.pose:
                 signs = SteadySigns()
                 values = np.array([signs.of("", row) for row in values])

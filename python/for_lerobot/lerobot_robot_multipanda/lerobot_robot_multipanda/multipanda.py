@@ -6,6 +6,7 @@ from typing import Any
 from lerobot.cameras import make_cameras_from_configs
 from lerobot.robots import Robot
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+from multipanda import Cameras, SceneCamera
 from multipanda.lerobot import ArmsRobot
 
 from .config_multipanda import MultipandaConfig
@@ -22,6 +23,8 @@ class Multipanda(Robot):
         self.config = config
         self.arms = ArmsRobot(config)
         self.cameras = make_cameras_from_configs(config.cameras)
+        self.scene_cameras = {name: SceneCamera(**fields) for name, fields in config.scene_cameras.items()}
+        self._drawn: Cameras | None = None
 
     @cached_property
     def observation_features(self) -> dict[str, type | tuple[int, int, int]]:
@@ -31,6 +34,8 @@ class Multipanda(Robot):
                 features[name] = (camera.height, camera.width, 3)
             if getattr(camera, "use_depth", False):
                 features[f"{name}_depth"] = (camera.height, camera.width, 1)
+        for name, seen in self.scene_cameras.items():
+            features[name] = (seen.height, seen.width, 3)
         return features
 
     @cached_property
@@ -49,7 +54,10 @@ class Multipanda(Robot):
             for camera in self.cameras.values():
                 camera.connect()
             self.arms.connect()
+            if self.scene_cameras:
+                self._drawn = Cameras(self.arms.client, self.scene_cameras)
         except BaseException:
+            self.arms.disconnect()
             self._close_cameras()
             raise
         self.configure()
@@ -74,6 +82,8 @@ class Multipanda(Robot):
                     found[name] = camera.read_latest()
                 if getattr(camera, "use_depth", False):
                     found[f"{name}_depth"] = camera.read_latest_depth()
+            if self._drawn is not None:
+                found.update({name: self._drawn[name].rgb for name in self._drawn})
         except BaseException:
             self.arms.hold()
             raise
@@ -85,6 +95,9 @@ class Multipanda(Robot):
 
     def disconnect(self) -> None:
         self._need_connection()
+        if self._drawn is not None:
+            self._drawn.close()
+            self._drawn = None
         self.arms.disconnect()
         self._close_cameras()
 
