@@ -196,7 +196,7 @@ class Desk:
             mode = dig(told, "derived", "operatingMode")
             brakes, errors = dig(told, "safety", "brakeState"), dig(told, "robot", "robotErrors")
         brakes = [dig(brake, "brakeStatus") or brake for brake in brakes] if isinstance(brakes, list) else []
-        kinds = {"unlocked" if brake == "Unlocked" else "locked" for brake in brakes}
+        kinds = {brake.lower() if brake in ("Locked", "Unlocked") else "unknown" for brake in brakes}
         return {
             "holder": self.web.clean(owner or "somebody") if held else None,
             "token_id": None if token_id is None else str(token_id),
@@ -287,7 +287,12 @@ def control(desk: Desk, take: bool) -> Iterator[dict[str, Any]]:
     if holder:
         say(f"'{holder}' has control: press the circle button ON THE ARM, or let them confirm, within {TAKE_S} s")
     try:
-        desk.request_control(bool(holder))
+        try:
+            desk.request_control(bool(holder))
+        except DeskError as error:
+            if not error.status:  # the answer with the token was lost
+                say(f"control of {desk.web.host} may have been granted: look in Desk, and release it there")
+            raise
         desk.step("", desk.has_control, "control", TAKE_S if holder else ANSWER_S)
         yield desk.state()
     finally:
@@ -303,7 +308,8 @@ def ready(desk: Desk, options: argparse.Namespace) -> None:
             desk.step("unlock", lambda now: now["joints"] in (None, "unlocked"), "unlocked joints", BRAKES_S)
         if not state["fci"]:
             desk.step("fci on", lambda now: now["fci"] in (None, True), "active FCI", FCI_S)
-        print(f"{desk.web.host} is ready: joints unlocked, FCI active", flush=True)
+        told = "joints unlocked" if desk.state()["joints"] else "told to unlock its joints, which it does not show"
+        print(f"{desk.web.host} is ready: {told}, FCI active", flush=True)
         say("control is held until Ctrl-C or SIGTERM; the FCI may end with it")
         with contextlib.suppress(SystemExit):
             while desk.has_control(state := desk.state()):
@@ -323,7 +329,9 @@ def lock(desk: Desk, options: argparse.Namespace) -> None:
         if state["fci"]:
             desk.step("fci off", lambda now: not now["fci"], "end of the FCI", FCI_S)
         desk.step("lock", lambda now: now["joints"] in (None, "locked"), "locked joints", BRAKES_S)
-    print(f"{desk.web.host} is locked", flush=True)
+        shown = desk.state()["joints"]
+    told = "is locked" if shown else "was told to lock its joints, which it does not show: see that they are"
+    print(f"{desk.web.host} {told}", flush=True)
 
 
 def password_of(options: argparse.Namespace) -> str:

@@ -19,6 +19,7 @@ _GRAB = 0x40044590  # EVIOCGRAB: its letters reach no other program
 _BOUNCE_S = 0.3
 MARKS = ("start", "success", "failure", "discard")
 KEYS = {30: "start", 48: "failure", 46: "discard"}  # A, B, C: what pedals send as they are sold
+_KEYBOARD = (1, 29, 97)  # Esc, Ctrl: a keyboard that was taken for a pedal cannot interrupt its program any more
 
 
 class Pedal:
@@ -58,7 +59,11 @@ class Pedal:
             raise Disconnected(f"the pedal cannot be read ({wrong})", step) from None
 
     def read(self) -> list[str]:
-        """The marks of the keys that were pressed since the last call. Raises Disconnected if it is unplugged."""
+        """The marks of the keys that were pressed since the last call.
+
+        Raises:
+            Disconnected: It is unplugged, or a keyboard whose Esc or Ctrl was pressed, which reaches no other program.
+        """
         found: list[str] = []
         while True:
             try:
@@ -70,7 +75,11 @@ class Pedal:
             if not data:
                 raise Disconnected(f"the pedal {self.path} is gone", "plug it in and start again")
             for s, us, kind, code, value in _EVENT.iter_unpack(data[: len(data) // _EVENT.size * _EVENT.size]):
-                if kind != _KEY or value != _PRESSED or code not in self._keys:
+                if kind != _KEY or value != _PRESSED:
+                    continue
+                if code not in self._keys:
+                    if code in _KEYBOARD:
+                        raise Disconnected(f"{self.path} is a keyboard, not a pedal: Esc or Ctrl", "name the pedal's")
                     continue
                 at_s = s + 1e-6 * us
                 if abs(at_s - self._last.get(code, -1.0)) > _BOUNCE_S:

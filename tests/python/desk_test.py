@@ -99,7 +99,8 @@ class Ready(Commands):
                 self.end(child, 0)
                 self.assert_free(server)
                 self.assertEqual(arm.brakes, "Unlocked")
-                self.call("lock", server.host)
+                said = self.call("lock", server.host)
+                self.assertIn("does not show: see" if kind == "panda" else "is locked", said)
                 self.assertEqual(arm.brakes, "Locked")
                 self.assert_free(server)
                 self.assertFalse([path for _, path, *_ in arm.requests if "force" in path])
@@ -166,6 +167,24 @@ class Ready(Commands):
         self.end(child, 128 + signal.SIGTERM)
         self.assertFalse(server.arm.fci)
         self.assert_free(server)
+
+    def test_brakes_between_locked_and_unlocked_are_neither(self):
+        for kind, path in (("fr3", "/desk/api/joints/lock"), ("newer", "/api/arm/joints:lock")):
+            server = self.server(kind)
+            server.arm.brakes = "Locking"
+            self.assertIn('"joints": "unknown"', self.call("status", server.host))
+            server.arm.hooks[path] = lambda handler: handler.answer(200) or True
+            said = self.call("lock", server.host, code=1, waits={"BRAKES_S": 1})
+            self.assertIn("no locked joints within 1 s", said)
+            self.assert_free(server)
+
+    def test_a_lost_answer_to_the_request_for_control_is_told(self):
+        for kind in KINDS:
+            server = self.server(kind)
+            server.arm.hooks[TAKES.get(kind, "/admin/api/control-token/request")] = lambda handler: (
+                handler.connection.close() or True
+            )
+            self.assertIn("may have been granted", self.call("lock", server.host, code=1))
 
     def test_control_that_was_lost_is_reported_and_not_released(self):
         for kind in KINDS:

@@ -319,6 +319,14 @@ class Pedals(unittest.TestCase):
         with self.assertRaisesRegex(mp.Disconnected, "the pedal .* is gone"):
             pedal.read()
 
+    def test_a_keyboard_that_was_taken_for_a_pedal_still_ends_the_program(self):
+        for key in (29, 97, 1):  # Ctrl, right Ctrl, Esc; the C of Ctrl-C would only discard an episode
+            pedal = self.pedal()
+            os.write(self.writer, event(key, 1, 1) + event(C, 1, 1))
+            with self.assertRaisesRegex(mp.Disconnected, "is a keyboard, not a pedal"):
+                pedal.read()
+            os.close(self.writer)
+
     def test_keys_of_ones_own(self):
         pedal = self.pedal({2: "success"})
         os.write(self.writer, event(A, 1, 1) + event(2, 1, 2))
