@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 ANSWER_S, BRAKES_S, FCI_S, TAKE_S, POLL_S, WATCH_S = 10, 60, 15, 30, 0.5, 5  # brakes open within about 10 s
+MISSED = 6  # a look at who has control fails so often before control, and with it the FCI, is given up
 ENDINGS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 REACH = "check power, cable and address, and that a browser shows the arm's Desk there"
 OTHER = "check the address; this system version may have another interface"
@@ -89,7 +90,7 @@ class Web:
         base = base if base.is_absolute() else pathlib.Path.home() / ".config"
         self.pin = base / "multipanda/desk_certificates" / "{}_{}".format(*self.address)
         self.expected = accepted or (self.pin.read_text("utf-8").strip() if self.pin.exists() else None)
-        self.new = not self.pin.exists() or accepted is not None
+        self.new, self.unknown = not self.pin.exists() or accepted is not None, self.expected is None
 
     def clean(self, text: Any) -> str:
         """Text from the other side, for a message: without secrets, pages and control characters."""
@@ -260,9 +261,18 @@ class Desk:
             pause(POLL_S)
 
 
-def logged_in(web: Web, user: str, password: str) -> Desk:
-    """A session. Which interface there is shows without the password."""
-    status, text = web.exchange("GET /api/system", None, {}, ANSWER_S)
+def first_look(web: Web) -> tuple[int, str]:
+    """Which interface there is shows without the password; whoever has the first certificate will get that."""
+    found = web.exchange("GET /api/system", None, {}, ANSWER_S)
+    if web.unknown:
+        say(f"first contact with {web.host}; its certificate's SHA-256 is {web.expected}")
+        if sys.stdin.isatty() and input("Does a browser at the arm show this certificate? (yes) ") != "yes":
+            raise DeskError("the password was not sent", "compare the certificates; confirm with yes or --certificate")
+    return found
+
+
+def logged_in(web: Web, user: str, password: str, status: int, text: str) -> Desk:
+    """A session."""
     newer_too = status in (401, 403) or (status == 200 and text.lstrip().startswith("{"))
     for newer in (True, False) if newer_too else (False,):
         try:
@@ -311,9 +321,17 @@ def ready(desk: Desk, options: argparse.Namespace) -> None:
         told = "joints unlocked" if desk.state()["joints"] else "told to unlock its joints, which it does not show"
         print(f"{desk.web.host} is ready: {told}, FCI active", flush=True)
         say("control is held until Ctrl-C or SIGTERM; the FCI may end with it")
+        missed = 0
         with contextlib.suppress(SystemExit):
-            while desk.has_control(state := desk.state()):
+            while missed or desk.has_control(state):
                 pause(WATCH_S)
+                try:
+                    state, missed = desk.state(), 0
+                except DeskError as error:
+                    missed += 1
+                    if error.status or missed == MISSED:
+                        raise
+                    say(f"{error}\nControl is kept; it looks again")
             raise DeskError(f"control was lost to '{state['holder'] or 'nobody'}'", "begin again, if it is yours")
 
 
@@ -383,8 +401,9 @@ def main() -> int:
         if options.command == "ready" and not options.cleared:
             if not sys.stdin.isatty() or input("Is nobody within the arm's reach? (yes) ") != "yes":
                 raise DeskError("nothing was done", "see that nobody is in reach; confirm with yes or --cleared")
+        found = first_look(web)
         signal.pthread_sigmask(signal.SIG_BLOCK, ENDINGS)
-        desk = logged_in(web, options.user, password)
+        desk = logged_in(web, options.user, password, *found)
         if options.command == "status":
             print(json.dumps({key: value for key, value in desk.state().items() if key != "token_id"}, indent=1))
         else:
@@ -392,7 +411,7 @@ def main() -> int:
     except (DeskError, OSError) as error:
         say(error)
         code = 1
-    except KeyboardInterrupt:  # at a question
+    except (KeyboardInterrupt, EOFError):  # at a question
         code = 130
     return 1 if desk and desk.stranded else code
 

@@ -74,6 +74,14 @@ class Commands(unittest.TestCase):
         self.assertIn("is ready", child.stdout.readline())
         return child
 
+    def hear(self, child, expected):
+        """What a command says up to a line with that."""
+        said = ""
+        while expected not in said:
+            self.assertTrue(line := child.stderr.readline(), said)
+            said += line
+        return said
+
     def assert_free(self, server):
         self.assertIsNone(server.arm.holder)
         self.assertEqual(server.arm.waiting, [])
@@ -168,6 +176,22 @@ class Ready(Commands):
         self.assertFalse(server.arm.fci)
         self.assert_free(server)
 
+    def test_control_outlasts_a_look_that_fails(self):
+        for kind in KINDS:
+            server, answers = self.server(kind), [True] * 2
+            child = self.ready(server)
+            server.arm.hooks[f"/{'api/system' if kind == 'newer' else 'admin/api'}/control-token"] = lambda handler: (
+                bool(answers) and (handler.connection.close() or answers.pop())
+            )
+            self.hear(child, "Control is kept")
+            harness.until(lambda: not answers, "two lost answers")
+            before = len(server.arm.requests)
+            harness.until(lambda: len(server.arm.requests) > before + 3, "more looks")
+            self.assertTrue(server.arm.fci)
+            child.terminate()
+            self.assertEqual(child.wait(harness.PATIENCE), 0)
+            self.assert_free(server)
+
     def test_brakes_between_locked_and_unlocked_are_neither(self):
         for kind, path in (("fr3", "/desk/api/joints/lock"), ("newer", "/api/arm/joints:lock")):
             server = self.server(kind)
@@ -254,6 +278,22 @@ class Certificates(Commands):
         self.assertEqual(other.arm.requests, [])
         self.call("status", other.host, "--certificate", self.prints[1].lower().replace(":", ""))
         self.call("status", other.host)
+
+    def test_a_first_certificate_is_shown_before_the_password_goes_there(self):
+        for answer, code in ((b"no\n", 1), (b"\x04", 130), (b"yes\n", 0)):
+            server = self.server("newer")
+            master, slave = pty.openpty()
+            child = self.start("status", server.host, stdin=slave, preexec_fn=lambda: take_terminal(slave))
+            os.close(slave)
+            self.assertIn("untried", child.stderr.readline())
+            self.assertIn(f"SHA-256 is {self.prints[0]}", child.stderr.readline())
+            self.assertFalse([request for request in server.arm.requests if "Authorization" in request[2]])
+            os.write(master, answer)
+            child.communicate(timeout=harness.PATIENCE)
+            os.close(master)
+            self.assertEqual(child.returncode, code)
+            sent = [request for request in server.arm.requests if "Authorization" in request[2]]
+            self.assertEqual(bool(sent), code == 0)
 
     def test_a_wrong_password_pins_nothing(self):
         for kind in KINDS:
@@ -357,7 +397,11 @@ class Passwords(Commands):
         while b"Password of 'admin' for" not in shown:
             shown += os.read(master, 1000)
         os.write(master, f"{PASSWORD}\n".encode())
-        self.end(child, 0)
+        said = self.hear(child, "first contact")
+        os.write(master, b"yes\n")
+        out, err = child.communicate(timeout=harness.PATIENCE)
+        self.assertEqual(child.returncode, 0, said + err)
+        self.assertNotIn(PASSWORD, out + said + err)
         os.set_blocking(master, False)
         with contextlib.suppress(OSError):
             shown += os.read(master, 1000)
