@@ -226,7 +226,8 @@ Track ArmsRun::watch(double duration, unsigned every, const std::function<bool(c
   every_ = every;
   skip_ = every - 1;
   begin_ = t_;
-  watched_from_ = host_now();  // records come late: older ones are not of this watch
+  // Records come late: those of before this call, or before the stop that it watches, are not of this watch.
+  watched_from_ = std::exchange(stop_asked_, std::nullopt).value_or(host_now());
   recording_ = true;
   std::string why;
   HostTime heard = host_now();
@@ -303,6 +304,7 @@ void ArmsRun::stop(ArmIndex arm) {
     expected_from_ = kNever;  // until the arm is in hold
     expected_[arm] = instance(arm, Law::hold);
     stopping_ = arm;
+    stop_asked_ = host_now();
   }
   session_->modes().stop(ArmSet::of(arm));
 }

@@ -97,6 +97,7 @@ class ArmsRun {
   double t_ = 0;
   bool recording_ = false;
   HostTime watched_from_;
+  std::optional<HostTime> stop_asked_;
   double begin_ = 0;
   unsigned every_ = 1, skip_ = 0;
   Track track_;

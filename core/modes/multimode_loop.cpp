@@ -74,7 +74,8 @@ bool MultimodeController::overtaken_by_stop(const Mailbox::Posted& posted) const
                 : request.instance < instances_.size()              ? instances_[request.instance]->arms()
                                                                     : ArmSet{};
   // A stop that came after the stops of this boundary were taken acts at the next one.
-  bool overtaken = arms.overlaps(ArmSet::from_bits(stop_requests_.load(std::memory_order_acquire)));
+  const ArmSet asked = ArmSet::from_bits(stop_requests_.load(std::memory_order_acquire));
+  bool overtaken = arms.overlaps(with_carriers(asked & ArmSet::all(arm_count())));
   for_each(arms, [&](ArmIndex arm) {
     overtaken =
         overtaken || posted.asked < stopped_at_[arm] ||

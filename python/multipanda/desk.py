@@ -337,9 +337,10 @@ def ready(desk: Desk, options: argparse.Namespace) -> None:
 
 def lock(desk: Desk, options: argparse.Namespace) -> None:
     def check(fci: bool | None) -> None:
-        if fci and not options.anyway:
+        if (fci or (fci is None and desk.newer)) and not options.anyway:
             advice = "end that program first; --anyway ends the FCI, which stops the arm, and locks"
-            raise DeskError("the FCI is active: a program may be moving the arm", advice)
+            found = "is active" if fci else "may be active, which the arm does not tell"
+            raise DeskError(f"the FCI {found}: a program may be moving the arm", advice)
 
     check(desk.state()["fci"])  # before control is taken from that program
     with control(desk, options.take) as state:

@@ -18,7 +18,7 @@ import numpy as np
 from .client import connect
 from .errors import Error, Refused
 from .lerobot import ArmsRobot, RobotSettings, ServoLeader, ServoLeaderSettings
-from .lerobot.names import quantity_names
+from .lerobot.names import gripper_name, quantity_names
 from .model import model
 from .pedal import KEYS, Marks, Pedal
 from .rotations import Array
@@ -41,6 +41,7 @@ _QUARTER_RAD, _LEAST_CARE_RAD = math.pi / 2, math.radians(20)
 
 _PERIOD_S = 1 / 150  # the run smooths streams below 200 Hz, and with them the servos' steps of 1.5 mrad
 _NEAR_RAD, _STILL_RAD, _STILL_S = 0.3, 0.05, 1.0
+_NEAR_M, _GAP_S = 0.02, 0.2
 _LEFT_BEHIND_RAD = 0.6  # as joint_follower
 _SAY_S = 2.0
 
@@ -145,8 +146,8 @@ def drive(
 ) -> None:
     """Lets arms follow leaders, and returns after `seconds`, or without them when it is interrupted.
 
-    Following begins when the leaders have been still for a second, each joint within 0.3 rad of its arm's; until then
-    nothing moves. The arms then go to them within the bounds of their controllets. Leaders more than 0.6 rad ahead, or
+    Following begins when the leaders have been still for a second, each joint within 0.3 rad of its arm's and each
+    trigger within 20 mm of its fingers, or squeezed farther if they hold something; until then nothing moves. The arms then go to them within the bounds of their controllets. Leaders more than 0.6 rad ahead, or
     a silence of this process, hold the arms until they are near and still again. All else that is wrong holds the arms
     and ends this function: a leader or pedal that is gone, silent, in error, or jumps; a stop, an error, another
     owner of an arm.
@@ -197,29 +198,35 @@ def drive(
 
 
 class _Waits:
-    """Until leaders are still, near their arms."""
+    """Until leaders are still, near their arms and fingers."""
 
     def __init__(self, robot: ArmsRobot, say: Callable[[str], object]) -> None:
         self._settings, self._say = robot.settings, say
         self._still: Array | None = None
-        self._since_s, self._said_s, self._said = 0.0, -math.inf, ""
+        self._since_s, self._seen_s, self._said_s, self._said = 0.0, -math.inf, -math.inf, ""
 
     def over(self, action: Mapping[str, float], state: RunState, now_s: float) -> bool:
-        q, away = [], [("", 0.0)]
+        q, away = [], [("", 0.0)]  # what is how often too far away
         for arm in self._settings.arms:
             names = quantity_names(arm, "joints", self._settings.joints)
             at = np.array([action[name] for name in names])
             q.append(at)
             ahead = at - state.arms[arm].q_rad
             k = int(np.argmax(np.abs(ahead)))
-            away.append((f"{arm}: joint {k + 1} of the leader is {ahead[k]:+.2f} rad from the arm's", abs(ahead[k])))
+            line = f"{arm}: joint {k + 1} of the leader is {ahead[k]:+.2f} rad from the arm's: bring it within"
+            away.append((f"{line} {_NEAR_RAD} rad", abs(ahead[k]) / _NEAR_RAD))
+            hand = state.arms[arm].gripper if arm in self._settings.grippers else None
+            if hand is not None:
+                wider = action[gripper_name(arm)] - hand.width_m
+                line = f"{arm}: the trigger is {wider * 1e3:+.0f} mm from the fingers' {hand.width_m * 1e3:.0f} mm"
+                far = max(wider, 0.0) if hand.grasped else abs(wider)  # a squeezed trigger drops nothing
+                away.append((f"{line}: bring it within {_NEAR_M * 1e3:.0f} mm", far / _NEAR_M))
         still, (where, most) = np.concatenate(q), max(away, key=lambda each: each[1])
-        if self._still is None or np.max(np.abs(still - self._still)) > _STILL_RAD or most > _NEAR_RAD:
+        restless = self._still is None or np.max(np.abs(still - self._still)) > _STILL_RAD
+        if restless or most > 1 or now_s - self._seen_s > _GAP_S:
             self._still, self._since_s = still, now_s
-        if most > _NEAR_RAD:
-            self._tell(f"{where}: bring it within {_NEAR_RAD} rad", now_s)
-        else:
-            self._tell("near: hold the leader still for a second", now_s)
+        self._seen_s = now_s
+        self._tell(where if most > 1 else "near: hold the leader still for a second", now_s)
         return now_s - self._since_s >= _STILL_S
 
     def _tell(self, line: str, now_s: float) -> None:

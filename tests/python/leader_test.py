@@ -414,10 +414,10 @@ class Driven:
 
 class Driving(Emulated):
     @contextlib.contextmanager
-    def driven(self, *arms, at=READY, pedal=None, record=None):
+    def driven(self, *arms, at=READY, trigger=FREE, pedal=None, record=None):
         leaders = {arm: self.servos() for arm in arms}
         for servos in leaders.values():
-            pose(servos, at)
+            pose(servos, at, trigger)
         with mp.run(scene(), timeline=False, record=record) as run:
             driven = Driven(run, leaders, pedal)
             try:
@@ -485,6 +485,22 @@ class Driving(Emulated):
             self.assertGreater(driven.run.state().t_s - began, 1.0)
             self.assertLess(fastest, 0.6)  # the input's 0.5 rad/s and the spring's overshoot
             self.assertGreater(fastest, 0.05)
+
+    @streaming
+    def test_fingers_do_not_move_as_following_begins(self):
+        with self.driven("left", trigger=SQUEEZED) as (driven, servos):
+            driven.wait_for(
+                lambda: any("the trigger is -80 mm from the fingers' 80 mm" in s for s in driven.said), "why"
+            )
+            reads = servos.reads
+            driven.wait_for(lambda: servos.reads > reads + 300, "two seconds and more")
+            self.assertTrue(driven.run.arms["left"].state.held)
+            self.assertAlmostEqual(driven.run.arms["left"].state.gripper.width_m, 0.08, delta=1e-3)
+            for share in np.linspace(0, 1, 41):
+                pose(servos, READY, SQUEEZED + share * (FREE - SQUEEZED))
+                reads = servos.reads
+                driven.wait_for(lambda: servos.reads > reads + 1, "a reading")
+            driven.follows()
 
     @streaming
     def test_a_leader_far_ahead_holds_the_arm_until_it_is_near_again(self):
