@@ -59,7 +59,7 @@ TEST(Hold, TorqueOnASlowWayIsThatOfANewHold) {
   ASSERT_EQ(on_its_way.start(), LawResult::ok);
   double largest = 0;
   for (int i = 0; i <= 1000; ++i) {
-    const JointVector q = q_0 + 1e-3 * i * way, dq = draw.joints(7, 0.3);
+    const JointVector q = q_0 + 1e-5 * i * way, dq = draw.joints(7, 0.3);
     on_its_way.place(0, q, dq);
     ASSERT_EQ(on_its_way.update(), LawResult::ok);
     if (i % 97 != 0) continue;

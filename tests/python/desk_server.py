@@ -158,7 +158,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
                 "tokenId": arm.holder and arm.holder[1],
             },
             "GET /api/arm/joints": [{"brakeStatus": arm.brakes}] * 7,
-            "GET /api/fci": {"status": "Active" if arm.fci else "Inactive"},
+            "GET /api/fci": {} if arm.fci is None else {"status": "Active" if arm.fci else "Inactive"},
             "GET /api/system/operating-mode": {"status": arm.mode},
             "GET /api/safety/recovery": {"recovery": None},
         }

@@ -133,6 +133,14 @@ class Ready(Commands):
             self.assertEqual((server.arm.brakes, server.arm.fci), ("Locked", False))
             self.assert_free(server)
 
+    def test_lock_refuses_an_fci_that_the_arm_does_not_tell(self):
+        server = self.server("newer")
+        server.arm.brakes, server.arm.fci = "Unlocked", None
+        self.assertIn("may be active", self.call("lock", server.host, code=1))
+        self.assertEqual((server.arm.brakes, server.arm.count), ("Unlocked", 0))
+        self.call("lock", server.host, "--anyway")
+        self.assertEqual(server.arm.brakes, "Locked")
+
     def test_a_signal_during_the_request_for_control_gives_it_back(self):
         for kind in KINDS:
             server, asked, sent = self.server(kind), threading.Event(), threading.Event()
