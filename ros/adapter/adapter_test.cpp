@@ -426,8 +426,14 @@ TEST(ARunWithACodec, TakesItsMessagesAndCleansUp) {
     };
     TransformStamped goal;
     goal.child_frame_id = "base";
-    goals.publish(goal);
-    ASSERT_TRUE(wait_for([&] { return line().level == Diagnostic::Level::warn; }));
+    // Until one arrives: a publisher may know of a subscription before that knows of it.
+    const auto warned_of = [&](auto& publisher, const auto& message) {
+      return wait_for([&] {
+        if (line().level != Diagnostic::Level::warn) publisher.publish(message);
+        return line().level == Diagnostic::Level::warn;
+      });
+    };
+    ASSERT_TRUE(warned_of(goals, goal));
     EXPECT_THAT(line().message, HasSubstr("the transform's child frame is 'base', expected 'goal'"));
     goal.child_frame_id = "goal";
     goal.header.frame_id = "arm_link0";
@@ -439,25 +445,28 @@ TEST(ARunWithACodec, TakesItsMessagesAndCleansUp) {
     ASSERT_TRUE(wait_for([&] { return line().level == Diagnostic::Level::ok; }));
 
     // A second type for the same law, beside the first: the newest message of either counts.
-    const auto received = [&] { return line().values.at(0).second; };
-    EXPECT_EQ(received(), "2");
+    const auto received = [&] { return std::stoi(line().values.at(0).second); };
+    int count = received();
+    EXPECT_GE(count, 2);
     Publisher<geometry_msgs::msg::Pose> plain(node, "/multipanda/cartesian/pose/plain/goal", Qos::reliable(),
                                               {});
     ASSERT_TRUE(wait_for([&] { return plain.subscribers() > 0; }));
     geometry_msgs::msg::Pose pose;
     pose.orientation.w = 0.5;
-    plain.publish(pose);
-    ASSERT_TRUE(wait_for([&] { return line().level == Diagnostic::Level::warn; }));
+    ASSERT_TRUE(warned_of(plain, pose));
     EXPECT_THAT(line().message, HasSubstr("unit quaternion"));
+    EXPECT_GT(received(), count);
+    count = received();
     pose.position.x = 0.45;
     pose.position.z = 0.5;
     pose.orientation.x = 1;
     pose.orientation.w = 0;
     plain.publish(pose);
     ASSERT_TRUE(wait_for([&] { return line().level == Diagnostic::Level::ok; }));
-    EXPECT_EQ(received(), "4");
+    EXPECT_GT(received(), count);
+    count = received();
     goals.publish(goal);
-    EXPECT_TRUE(wait_for([&] { return received() == "5"; }));
+    EXPECT_TRUE(wait_for([&] { return received() > count; }));
     EXPECT_EQ(line().level, Diagnostic::Level::ok);
     run.stop();
     (void)run.finish();
