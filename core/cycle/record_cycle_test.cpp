@@ -64,6 +64,33 @@ TEST(RecordState, HoldsEveryField) {
   expect_counted(sample.F_K_W_true, 70, 6);
 }
 
+TEST(RecordState, HoldsTheReportOfTheInterface) {
+  ArmState state;
+  InterfaceReport& report = state.report;
+  report.present = true;
+  report.q_d = counted_from(10);
+  report.dq_d = counted_from(20);
+  report.theta = counted_from(30);
+  report.elbow = {0.4, -1};
+  report.joint_contact = 1;
+  report.joint_collision = 2;
+  report.cartesian_contact = 3;
+  report.cartesian_collision = 4;
+  report.last_motion_errors = 5;
+  ArmSample sample;
+  set_state(sample, state);
+  EXPECT_TRUE(sample.has_report);
+  expect_counted(sample.q_d, 10);
+  expect_counted(sample.dq_d, 20);
+  expect_counted(sample.theta, 30);
+  EXPECT_EQ(sample.elbow, report.elbow);
+  EXPECT_EQ(sample.joint_contact, 1u);
+  EXPECT_EQ(sample.joint_collision, 2u);
+  EXPECT_EQ(sample.cartesian_contact, 3u);
+  EXPECT_EQ(sample.cartesian_collision, 4u);
+  EXPECT_EQ(sample.last_motion_errors, 5u);
+}
+
 // Other fields, joints that the arm does not have and the next arm stay as they are.
 TEST(RecordState, WritesNothingElse) {
   ArmState state;

@@ -249,6 +249,40 @@ TEST(Inspect, NoJointCreepsOutByManyStarts) {
   }
 }
 
+// Whoever resumes a stopped arm lets it start where it stands; again and again, it does so farther out only
+// once.
+TEST(Inspect, NoJointCreepsOutByManyResumes) {
+  constexpr double kLimit = 2.8, kMargin = 0.02;
+  for (const double side : {1.0, -1.0}) {
+    Rig rig;
+    SafetyStage stage({rig.limits});
+    double beyond = -0.1;
+    const auto starts = [&] {
+      for (const bool held : {true, false}) {
+        rig.state.q[4] = side * (kLimit + beyond);
+        rig.terms.update(rig.state);
+        stage.track_limits(0, rig.state, rig.terms, held);
+      }
+      return stage.inspect(0, rig.condition(), rig.state, rig.terms).rule == Intervention::none;
+    };
+    const auto creep = [&] {
+      for (int start = 0; start < 100 && starts(); ++start) beyond += 0.0006;
+    };
+    EXPECT_TRUE(starts());
+    beyond = 0.004;
+    creep();
+    EXPECT_NEAR(beyond, 0.004 + kMargin, 0.0006 + 1e-9);
+    stage.release_limits(0);
+    EXPECT_TRUE(starts());
+    creep();
+    EXPECT_NEAR(beyond, 0.004 + 2 * kMargin, 2 * 0.0006 + 1e-9);
+    stage.release_limits(0);
+    EXPECT_FALSE(starts());
+    beyond = 0;  // led back inside, all begins again
+    EXPECT_TRUE(starts());
+  }
+}
+
 // A box that only one of them leaves: the finding is its coordinate.
 TEST(Inspect, FlangeAndToolMustNotLeaveTheWorkspaceEither) {
   ArmModelSource source = test::TestArm::make().source({rotation_from_rpy({0.3, 0.2, 1}), {1, 2, 3}});
