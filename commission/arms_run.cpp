@@ -226,8 +226,8 @@ Track ArmsRun::watch(double duration, unsigned every, const std::function<bool(c
   every_ = every;
   skip_ = every - 1;
   begin_ = t_;
-  // Records come late: those of before this call, or before the stop that it watches, are not of this watch.
-  watched_from_ = std::exchange(stop_asked_, std::nullopt).value_or(host_now());
+  // Records come late: those of before a stop are not of its watch.
+  watched_from_ = std::exchange(stop_asked_, HostTime{});
   recording_ = true;
   std::string why;
   HostTime heard = host_now();

@@ -96,8 +96,7 @@ class ArmsRun {
   HostTime stopped_by_;                          // end of the cycle that did so
   double t_ = 0;
   bool recording_ = false;
-  HostTime watched_from_;
-  std::optional<HostTime> stop_asked_;
+  HostTime stop_asked_, watched_from_;
   double begin_ = 0;
   unsigned every_ = 1, skip_ = 0;
   Track track_;

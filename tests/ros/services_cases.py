@@ -181,7 +181,8 @@ class ModeServices(RosCase):
         self.assertEqual([answer.verdict for answer in answers[:2]], ["timeout", "timeout"])
         self.assertRegex(answers[2].message, "stalled|too old")
         self.assertTrue(answers[3].success, answers[3].message)
-        self.assertTrue(self.owned("left", "left_hold").stopped)
+        self.owned("left", "left_hold")
+        self.wait(lambda: self.states("left").newest().stopped, "a state of after the stop")
         time.sleep(0.5)  # what may wait for a while longer
         self.assertEqual(self.state("left").mode, RobotState.MODE_MOVE)
         self.assertEqual(self.state("right").mode, RobotState.MODE_USER_STOPPED)
