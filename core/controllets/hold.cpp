@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <array>
-#include <optional>
 
 #include "core/controllets/builtins.hpp"
 #include "core/controllets/prismatic_parameters.hpp"
@@ -54,7 +53,6 @@ class Hold final : public Controllet {
 
   LawResult start(ControlContext& context) override {
     entered_ = false;
-    modes_.reset();
     enter(context.arms[0]);
     return LawResult::ok;  // always, because there is no other fallback
   }
@@ -92,9 +90,8 @@ class Hold final : public Controllet {
   // stiffness and at most the damping of one at kFastestMode, because it would oscillate if the motors lag by
   // a few milliseconds (with 50 Hz and 3 ms, 110 rad/s is stable).
   JointVector torque(const OwnedArm& arm, const JointVector& stiffness, const JointVector& design,
-                     double zeta) {
-    find_modes(arm.terms->M(), design);
-    const CoupledModes<JointMatrix>& modes = *modes_;
+                     double zeta) const {
+    const CoupledModes<JointMatrix> modes(arm.terms->M(), JointMatrix(design.asDiagonal()));
     const JointVector omega = modes.k.cwiseSqrt();
     const JointMatrix Q = modes.L.lazyProduct(modes.U);
     const JointVector d = (2.0 * zeta * omega).cwiseMin(2.0 * kFastestMode);
@@ -111,20 +108,6 @@ class Hold final : public Controllet {
     const JointVector back = modes.U.transpose().lazyProduct(row.transpose());
     return Q.lazyProduct(JointVector(share.cwiseProduct(back))) - damping;
   }
-
-  // Finding the modes is most of a held arm's cycle, and at rest the inertia hardly changes. Those of an
-  // inertia M_0 whose every element is within 1e-4 sqrt(M_ii M_jj) stand in for those of M.
-  void find_modes(const JointMatrix& M, const JointVector& design) {
-    constexpr double kNear = 1e-4;
-    if (modes_ && design == design_) {
-      const JointVector scale = M.diagonal().cwiseSqrt();
-      if (((M - M_0_).cwiseAbs().array() <= kNear * (scale * scale.transpose()).array()).all()) return;
-    }
-    modes_.emplace(M, JointMatrix(design.asDiagonal()));
-    M_0_ = M;
-    design_ = design;
-  }
-
   using JointRow = Eigen::Matrix<double, 1, Eigen::Dynamic, Eigen::RowMajor, 1, kMaxJoints>;
   static constexpr double kFastestMode = 100;  // [rad/s]
 
@@ -183,9 +166,6 @@ class Hold final : public Controllet {
   std::array<double, kMaxJoints> largest_push_{};
   std::array<bool, kMaxJoints> slides_{};
   JointVector q_0_, q_end_;
-  std::optional<CoupledModes<JointMatrix>> modes_;
-  JointMatrix M_0_;     // of modes_
-  JointVector design_;  // of modes_
   bool entered_ = false, stopped_ = false;
 };
 

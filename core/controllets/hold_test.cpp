@@ -49,32 +49,6 @@ TEST(Hold, TorqueIsTheStatedLaw) {
   }
 }
 
-// On a slow way the modes are those of a place nearby: the torque is that of a hold that finds them again.
-TEST(Hold, TorqueOnASlowWayIsThatOfANewHold) {
-  Draw draw(83);
-  const auto model = panda();
-  ControlletRig on_its_way(hold_controllet(), {model});
-  const JointVector q_0 = model->q_home(), way = draw.joints(7, 0.4);
-  on_its_way.place(0, q_0, joint_constant(7, 0));
-  ASSERT_EQ(on_its_way.start(), LawResult::ok);
-  double largest = 0;
-  for (int i = 0; i <= 1000; ++i) {
-    const JointVector q = q_0 + 1e-5 * i * way, dq = draw.joints(7, 0.3);
-    on_its_way.place(0, q, dq);
-    ASSERT_EQ(on_its_way.update(), LawResult::ok);
-    if (i % 97 != 0) continue;
-    ControlletRig afresh(hold_controllet(), {model});
-    afresh.place(0, q_0, joint_constant(7, 0));
-    ASSERT_EQ(afresh.start(), LawResult::ok);
-    afresh.place(0, q, dq);
-    ASSERT_EQ(afresh.update(), LawResult::ok);
-    const JointVector difference = on_its_way.tau(0) - afresh.tau(0);
-    largest = std::max(largest, difference.norm() / std::max(1.0, afresh.tau(0).norm()));
-  }
-  EXPECT_LT(largest, 2e-3);
-  EXPECT_GT(largest, 0);  // some were of a place nearby
-}
-
 // An undeclared load of 1 kg at the hand sinks less than 3 cm and stays there.
 TEST(Hold, UndeclaredKilogramSinksLessThanThreeCentimeters) {
   const auto model = panda();
