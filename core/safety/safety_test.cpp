@@ -249,8 +249,7 @@ TEST(Inspect, NoJointCreepsOutByManyStarts) {
   }
 }
 
-// Whoever resumes a stopped arm lets it start where it stands; again and again, it does so farther out only
-// once.
+// A resume lets an arm start where it stands, but only the first one farther out than before.
 TEST(Inspect, NoJointCreepsOutByManyResumes) {
   constexpr double kLimit = 2.8, kMargin = 0.02;
   for (const double side : {1.0, -1.0}) {
