@@ -96,7 +96,7 @@ class ArmsRun {
   HostTime stopped_by_;                          // end of the cycle that did so
   double t_ = 0;
   bool recording_ = false;
-  HostTime stop_asked_, watched_from_;
+  HostTime stop_asked_, watched_from_;  // of a stop that no watch() has seen; older records are no watch's
   double begin_ = 0;
   unsigned every_ = 1, skip_ = 0;
   Track track_;

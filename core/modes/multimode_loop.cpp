@@ -73,7 +73,7 @@ bool MultimodeController::overtaken_by_stop(const Mailbox::Posted& posted) const
                 : request.kind == Request::Kind::switch_controllets ? arms_of(request.activate)
                 : request.instance < instances_.size()              ? instances_[request.instance]->arms()
                                                                     : ArmSet{};
-  // A stop that came after the stops of this boundary were taken acts at the next one.
+  // take_stops() comes last: a stop that waits would undo what is accepted here.
   const ArmSet asked = ArmSet::from_bits(stop_requests_.load(std::memory_order_acquire));
   bool overtaken = arms.overlaps(with_carriers(asked & ArmSet::all(arm_count())));
   for_each(arms, [&](ArmIndex arm) {

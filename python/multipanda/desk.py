@@ -318,8 +318,10 @@ def ready(desk: Desk, options: argparse.Namespace) -> None:
             desk.step("unlock", lambda now: now["joints"] in (None, "unlocked"), "unlocked joints", BRAKES_S)
         if not state["fci"]:
             desk.step("fci on", lambda now: now["fci"] in (None, True), "active FCI", FCI_S)
-        told = "joints unlocked" if desk.state()["joints"] else "told to unlock its joints, which it does not show"
-        print(f"{desk.web.host} is ready: {told}, FCI active", flush=True)
+        now = desk.state()
+        told = "joints unlocked" if now["joints"] else "told to unlock its joints, which it does not show"
+        told += ", FCI active" if now["fci"] else ", told to activate its FCI, which it does not show"
+        print(f"{desk.web.host} is ready: {told}", flush=True)
         say("control is held until Ctrl-C or SIGTERM; the FCI may end with it")
         missed = 0
         with contextlib.suppress(SystemExit):

@@ -56,6 +56,7 @@ class Arm:
     def __init__(self, kind):
         self.kind = kind
         self.brakes, self.fci, self.mode = "Locked", False, "Programming" if kind != "panda" else None
+        self.tells_fci = True  # newer systems
         self.holder = None  # (user, id, token)
         self.waiting = []  # requests for control, in order
         self.count = 0
@@ -158,7 +159,7 @@ class Handler(http.server.BaseHTTPRequestHandler):
                 "tokenId": arm.holder and arm.holder[1],
             },
             "GET /api/arm/joints": [{"brakeStatus": arm.brakes}] * 7,
-            "GET /api/fci": {} if arm.fci is None else {"status": "Active" if arm.fci else "Inactive"},
+            "GET /api/fci": {"status": "Active" if arm.fci else "Inactive"} if arm.tells_fci else {},
             "GET /api/system/operating-mode": {"status": arm.mode},
             "GET /api/safety/recovery": {"recovery": None},
         }

@@ -133,9 +133,15 @@ class Ready(Commands):
             self.assertEqual((server.arm.brakes, server.arm.fci), ("Locked", False))
             self.assert_free(server)
 
-    def test_lock_refuses_an_fci_that_the_arm_does_not_tell(self):
+    def test_an_fci_that_the_arm_does_not_tell_is_not_called_active_and_refuses_lock(self):
         server = self.server("newer")
-        server.arm.brakes, server.arm.fci = "Unlocked", None
+        server.arm.tells_fci = False
+        child = self.start("ready", server.host, "--cleared")
+        self.assertIn("told to activate its FCI, which it does not show", child.stdout.readline())
+        self.assertTrue(server.arm.fci)
+        child.send_signal(signal.SIGTERM)
+        self.end(child, 0)
+        server.arm.brakes, server.arm.count = "Unlocked", 0
         self.assertIn("may be active", self.call("lock", server.host, code=1))
         self.assertEqual((server.arm.brakes, server.arm.count), ("Unlocked", 0))
         self.call("lock", server.host, "--anyway")
