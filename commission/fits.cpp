@@ -14,6 +14,7 @@
 #include <fmt/format.h>
 
 #include "core/model/model_terms.hpp"
+#include "core/types/rotation_between.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda::commission {
@@ -31,7 +32,7 @@ ModelTerms terms_of(SceneArm arm, const Matrix3& R_WB) {
 
 // Orientation of a base in whose axes gravity has this direction.
 Matrix3 base_with_gravity_along(const Vector3& direction_B) {
-  return Quaternion::FromTwoVectors(direction_B, -Vector3::UnitZ()).toRotationMatrix();
+  return rotation_between(direction_B, -Vector3::UnitZ()).toRotationMatrix();
 }
 
 double rms(const Eigen::VectorXd& v) { return v.norm() / std::sqrt(static_cast<double>(v.size())); }

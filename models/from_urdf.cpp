@@ -8,6 +8,7 @@
 
 #include "common/own_files.hpp"
 #include "common/text.hpp"
+#include "core/types/rotation_between.hpp"
 #include "models/load_parts.hpp"
 #include "models/robot_description.hpp"
 #include "models/urdf_tree.hpp"
@@ -152,7 +153,7 @@ class ChainReader {
 
   // The frame of a segment in that of its link: z is the joint's axis.
   static Pose axis_frame(const UrdfJoint& joint) {
-    return {Quaternion::FromTwoVectors(Vector3::UnitZ(), joint.axis).toRotationMatrix(), Vector3::Zero()};
+    return {rotation_between(Vector3::UnitZ(), joint.axis).toRotationMatrix(), Vector3::Zero()};
   }
 
   // Positions of a joint outside the arm at which its shapes are included.

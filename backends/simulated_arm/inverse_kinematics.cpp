@@ -6,6 +6,7 @@
 #include <Eigen/Eigenvalues>
 
 #include "core/model/model_terms.hpp"
+#include "core/types/rotation_between.hpp"
 
 namespace multipanda {
 namespace {
@@ -46,7 +47,7 @@ KinematicChain::KinematicChain(const std::shared_ptr<const ArmModel>& model)
     const auto column = J.col(static_cast<Eigen::Index>(i));
     const Vector3 axis_W = (slides_[i] ? column.head<3>() : column.tail<3>()).normalized();
     const Vector3 axis_J = X_WJ.rotation.transpose() * axis_W;
-    const Pose X_JT{Quaternion::FromTwoVectors(Vector3::UnitZ(), axis_J).toRotationMatrix(), Vector3::Zero()};
+    const Pose X_JT{rotation_between(Vector3::UnitZ(), axis_J).toRotationMatrix(), Vector3::Zero()};
     const Pose X_WT = X_WJ * X_JT;
     X_PT_[i] = X_WP.inverse() * X_WT;
     X_WP = X_WT;

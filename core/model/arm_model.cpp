@@ -5,7 +5,7 @@
 #include <urdf_parser/urdf_parser.h>
 
 #include "core/model/model_terms.hpp"
-#include "core/model/pinocchio_model.hpp"
+#include "core/model/pinocchio_chain.hpp"
 #include "core/types/triangular.hpp"
 
 namespace multipanda {
@@ -17,8 +17,7 @@ namespace {
 }
 
 // Fills an empty limit from the URDF, checks the size of a given one.
-void complete(JointVector& limit, const Eigen::VectorXd& from_urdf, const std::string& arm,
-              const char* what) {
+void complete(JointVector& limit, const JointVector& from_urdf, const std::string& arm, const char* what) {
   if (limit.size() == 0) limit = from_urdf;
   if (limit.size() != from_urdf.size()) {
     refuse(arm, std::string(what) + " has " + std::to_string(limit.size()) + " values, the URDF has " +
@@ -57,34 +56,36 @@ pinocchio::Inertia inertia_of(const urdf::Inertial& body) {
   return {body.mass, X.translation(), X.rotation() * inertia * X.rotation().transpose()};
 }
 
-template <class X, class Y, class Z, class Any>
-pinocchio::JointModel joint_along(const Vector3& axis) {
-  if (axis == Vector3::UnitX()) return X();
-  if (axis == Vector3::UnitY()) return Y();
-  if (axis == Vector3::UnitZ()) return Z();
-  return Any(axis.normalized());
-}
-
-// Builds the tree as Pinocchio's own reader does (dynamics_test.cpp compares them). That one's libraries,
+// Builds the chain as Pinocchio's own reader does (dynamics_test.cpp compares them). That one's libraries,
 // with meshes, collisions and octrees, would be 27 MB of every process.
-class ModelBuilder {
+class ChainBuilder {
  public:
-  ModelBuilder(ArmModel::Pinocchio& to, const ArmModelSource& source) : to_(to), source_(source) {}
+  ChainBuilder(ArmModel::Chain& to, const ArmModelSource& source) : to_(to), source_(source) {}
 
-  // Returns the joint that moves the flange.
-  pinocchio::JointIndex build() {
+  void build() {
     const auto tree = urdf::parseURDF(source_.urdf);
     if (tree == nullptr || tree->getRoot() == nullptr)
       refuse(source_.name, "the URDF cannot be read; its faults were printed to standard error");
-    add(*tree->getRoot(), 0, pinocchio::SE3::Identity());
+    add(*tree->getRoot(), kBase, pinocchio::SE3::Identity());
     if (!flange_joint_) refuse(source_.name, "the URDF has no link '" + source_.flange + "'");
-    return *flange_joint_;
+    const std::size_t n = to_.joints.size();
+    if (n == 0 || n > kMaxJoints) {
+      refuse(source_.name,
+             "the URDF has " + std::to_string(n) + " joints; expected 1 to " + std::to_string(kMaxJoints));
+    }
+    if (branches_) refuse(source_.name, "the URDF branches; expected a chain of joints");
+    if (*flange_joint_ + 1 != static_cast<int>(n))
+      refuse(source_.name, "flange link '" + source_.flange + "' must be behind the last joint");
   }
 
  private:
+  static constexpr int kBase = -1;
+
   // `X_JL`: in the frame of the joint that moves the link.
-  void add(const urdf::Link& link, pinocchio::JointIndex joint, const pinocchio::SE3& X_JL) {
-    if (link.inertial) to_.model.appendBodyToJoint(joint, inertia_of(*link.inertial), X_JL);
+  void add(const urdf::Link& link, int joint, const pinocchio::SE3& X_JL) {
+    if (link.inertial)
+      (joint == kBase ? to_.base : to_.joints[static_cast<std::size_t>(joint)].link) +=
+          X_JL.act(inertia_of(*link.inertial));
     if (link.name == source_.flange) {
       flange_joint_ = joint;
       to_.X_JF = X_JL;
@@ -95,37 +96,44 @@ class ModelBuilder {
       if (own.type == urdf::Joint::FIXED) {
         add(*child, joint, X_JC);
       } else {
-        add(*child, add_joint(own, joint, X_JC), pinocchio::SE3::Identity());
+        branches_ = branches_ || joint + 1 != static_cast<int>(to_.joints.size());
+        add_joint(own, X_JC);
+        add(*child, static_cast<int>(to_.joints.size()) - 1, pinocchio::SE3::Identity());
       }
     }
   }
 
-  pinocchio::JointIndex add_joint(const urdf::Joint& own, pinocchio::JointIndex parent,
-                                  const pinocchio::SE3& X_JC) {
-    const Vector3 axis(own.axis.x, own.axis.y, own.axis.z);
-    const auto value = [](double number) { return Eigen::VectorXd::Constant(1, number); };
-    pinocchio::JointModel type;
-    if (own.type == urdf::Joint::REVOLUTE) {
-      type = joint_along<pinocchio::JointModelRX, pinocchio::JointModelRY, pinocchio::JointModelRZ,
-                         pinocchio::JointModelRevoluteUnaligned>(axis);
-    } else if (own.type == urdf::Joint::PRISMATIC) {
-      type = joint_along<pinocchio::JointModelPX, pinocchio::JointModelPY, pinocchio::JointModelPZ,
-                         pinocchio::JointModelPrismaticUnaligned>(axis);
-    } else {
+  void add_joint(const urdf::Joint& own, const pinocchio::SE3& X_PJ) {
+    if (own.type != urdf::Joint::REVOLUTE && own.type != urdf::Joint::PRISMATIC) {
       refuse(source_.name, "the URDF has a joint with several coordinates or without limits, '" + own.name +
                                "'; expected revolute and prismatic joints");
     }
-    return to_.model.addJoint(parent, type, X_JC, own.name, value(own.limits->effort),
-                              value(own.limits->velocity), value(own.limits->lower),
-                              value(own.limits->upper));
+    to_.joints.emplace_back(own.type == urdf::Joint::PRISMATIC, Vector3(own.axis.x, own.axis.y, own.axis.z),
+                            X_PJ);
+    if (to_.joints.size() > kMaxJoints) return;
+    const auto append = [](JointVector& to, double value) {
+      to.conservativeResize(to.size() + 1);
+      to[to.size() - 1] = value;
+    };
+    append(to_.limits.tau_max, own.limits->effort);
+    append(to_.limits.dq_max, own.limits->velocity);
+    append(to_.limits.q_min, own.limits->lower);
+    append(to_.limits.q_max, own.limits->upper);
   }
 
-  ArmModel::Pinocchio& to_;
+  ArmModel::Chain& to_;
   const ArmModelSource& source_;
-  std::optional<pinocchio::JointIndex> flange_joint_;
+  std::optional<int> flange_joint_;
+  bool branches_ = false;
 };
 
 }  // namespace
+
+ChainJoint::ChainJoint(bool is_prismatic, const Vector3& along, const pinocchio::SE3& at_zero)
+    : prismatic(is_prismatic), axis(along.normalized()), X_PJ(at_zero) {
+  for (int i = 0; i < 3; ++i)
+    if (along == Vector3::Unit(i)) coordinate = i;
+}
 
 JointVector joint_constant(std::size_t n, double value) {
   return JointVector::Constant(static_cast<Eigen::Index>(n), value);
@@ -135,47 +143,35 @@ pinocchio::Inertia inertia_in_joint(const pinocchio::SE3& X_JF, const Load& load
   return X_JF.act(pinocchio::Inertia(load.mass, load.p_FC, load.inertia_C));
 }
 
-ArmModel::ArmModel(ArmModelSource source)
-    : source_(std::move(source)), pinocchio_(std::make_unique<Pinocchio>()) {
-  auto& p = *pinocchio_;
-  const pinocchio::JointIndex flange_joint = ModelBuilder(p, source_).build();
-  joint_count_ = static_cast<std::size_t>(p.model.nv);
-  if (joint_count_ == 0 || joint_count_ > kMaxJoints) {
-    refuse(source_.name, "the URDF has " + std::to_string(joint_count_) + " joints; expected 1 to " +
-                             std::to_string(kMaxJoints));
-  }
-  for (pinocchio::JointIndex j = 1; j < p.model.joints.size(); ++j) {
-    if (p.model.parents[j] != j - 1) refuse(source_.name, "the URDF branches; expected a chain of joints");
-    prismatic_.push_back(p.model.joints[j].shortname().starts_with("JointModelP"));
-  }
-  p.last_joint = p.model.joints.size() - 1;
-  if (flange_joint != p.last_joint) {
-    refuse(source_.name, "flange link '" + source_.flange + "' must be behind the last joint");
-  }
-  const pinocchio::SE3 X_WB(source_.X_WB.rotation, source_.X_WB.position);
-  p.model.jointPlacements[1] = X_WB * p.model.jointPlacements[1];
-  p.model.gravity.linear() = Vector3(0, 0, -9.81);
+ArmModel::ArmModel(ArmModelSource source) : source_(std::move(source)), chain_(std::make_unique<Chain>()) {
+  ChainBuilder(*chain_, source_).build();
+  auto& joints = chain_->joints;
+  joint_count_ = joints.size();
+  joints.front().X_PJ = pinocchio::SE3(source_.X_WB.rotation, source_.X_WB.position) * joints.front().X_PJ;
 
   auto& limits = source_.limits;
-  complete(limits.q_min, p.model.lowerPositionLimit, source_.name, "q_min");
-  complete(limits.q_max, p.model.upperPositionLimit, source_.name, "q_max");
-  complete(limits.dq_max, p.model.upperVelocityLimit, source_.name, "dq_max");
-  complete(limits.tau_max, p.model.upperEffortLimit, source_.name, "tau_max");
-  const Eigen::VectorXd generous = Eigen::VectorXd::Constant(p.model.nv, 1000.0);
+  const ArmLimits& of_urdf = chain_->limits;
+  complete(limits.q_min, of_urdf.q_min, source_.name, "q_min");
+  complete(limits.q_max, of_urdf.q_max, source_.name, "q_max");
+  complete(limits.dq_max, of_urdf.dq_max, source_.name, "dq_max");
+  complete(limits.tau_max, of_urdf.tau_max, source_.name, "tau_max");
+  const JointVector generous = joint_constant(joint_count_, 1000);
   complete(limits.ddq_max, generous, source_.name, "ddq_max");
   complete(limits.tau_rate_max, generous, source_.name, "tau_rate_max");
   if ((limits.q_min.array() >= limits.q_max.array()).any()) refuse(source_.name, "q_min must be below q_max");
   if (const auto& friction = source_.known_friction) {
     for (const JointVector* figures : {&friction->p1, &friction->p2, &friction->p3}) {
-      if (figures->size() != p.model.nv) refuse(source_.name, "known_friction must have one value per joint");
+      if (figures->size() != of_urdf.q_min.size())
+        refuse(source_.name, "known_friction must have one value per joint");
     }
   }
   if (source_.q_home.size() == 0) source_.q_home = 0.5 * (limits.q_min + limits.q_max);
-  if (source_.q_home.size() != p.model.nv) refuse(source_.name, "q_home must have one value per joint");
-  if (source_.motor_inertia.size() != 0 && source_.motor_inertia.size() != p.model.nv) {
+  if (source_.q_home.size() != of_urdf.q_min.size())
+    refuse(source_.name, "q_home must have one value per joint");
+  if (source_.motor_inertia.size() != 0 && source_.motor_inertia.size() != of_urdf.q_min.size()) {
     refuse(source_.name, "motor_inertia must have one value per joint");
   }
-  if (source_.known_motor_inertia.size() != 0 && source_.known_motor_inertia.size() != p.model.nv) {
+  if (source_.known_motor_inertia.size() != 0 && source_.known_motor_inertia.size() != of_urdf.q_min.size()) {
     refuse(source_.name, "known_motor_inertia must have one value per joint");
   }
   check_collision_shapes(source_, joint_count_);
@@ -183,9 +179,11 @@ ArmModel::ArmModel(ArmModelSource source)
 
 ArmModel::~ArmModel() = default;
 
+bool ArmModel::is_prismatic(std::size_t joint) const { return chain_->joints[joint].prismatic; }
+
 JointRange ArmModel::joint_range() const {
   JointRange range{.min = source_.limits.q_min, .max = source_.limits.q_max};
-  for (std::size_t i = 0; i < joint_count_; ++i) range.prismatic |= (prismatic_[i] ? 1u : 0u) << i;
+  for (std::size_t i = 0; i < joint_count_; ++i) range.prismatic |= (is_prismatic(i) ? 1u : 0u) << i;
   return range;
 }
 

@@ -84,7 +84,7 @@ class ArmModel {
   const std::string& name() const { return source_.name; }
   std::size_t joint_count() const { return joint_count_; }
   // A prismatic joint has meters, newtons and kilograms where a revolute one has rad, N m and kg m^2.
-  bool is_prismatic(std::size_t joint) const { return prismatic_[joint]; }
+  bool is_prismatic(std::size_t joint) const;
   const Pose& X_WB() const { return source_.X_WB; }
   const ArmLimits& limits() const { return source_.limits; }
   JointRange joint_range() const;
@@ -106,8 +106,8 @@ class ArmModel {
   // The friction that the scene declares to the controllers, if any.
   const std::optional<JointFrictionTable>& known_friction() const { return source_.known_friction; }
 
-  struct Pinocchio;  // defined in core/model only, so that no other file compiles its headers
-  const Pinocchio& pinocchio() const { return *pinocchio_; }
+  struct Chain;  // defined in core/model only, so that no other file compiles Pinocchio's headers
+  const Chain& chain() const { return *chain_; }
 
  private:
   struct LeastInertia {
@@ -117,8 +117,7 @@ class ArmModel {
 
   ArmModelSource source_;
   std::size_t joint_count_ = 0;
-  std::vector<bool> prismatic_;  // per joint
-  std::unique_ptr<Pinocchio> pinocchio_;
+  std::unique_ptr<Chain> chain_;
   std::unique_ptr<LeastInertia> least_ = std::make_unique<LeastInertia>();
 };
 

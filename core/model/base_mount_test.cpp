@@ -14,7 +14,7 @@
 #include <pinocchio/parsers/urdf.hpp>
 
 #include "core/model/model_terms.hpp"
-#include "core/model/pinocchio_model.hpp"
+#include "core/model/pinocchio_chain.hpp"
 #include "core/testing/test_arm.hpp"
 
 // An arm that stands on another one: both models against Pinocchio's algorithms on one tree with the joints
@@ -88,10 +88,10 @@ struct Pair {
     const JointVector q1 = draw.joints(7, 2.5), dq1 = draw.joints(7, 2);
     const Load tool = draw.load(0.7), load = draw.load(1.5);
     carried->set_config({draw.pose(0.2), draw.pose(0.1)}, tool, load);
-    const auto& p = carried->model().pinocchio();
+    const auto& chain = carried->model().chain();
     const auto last = model.getJointId("z_joint6");
-    model.inertias[last] = p.model.inertias[p.last_joint];
-    for (const Load& body : {tool, load}) model.inertias[last] += inertia_in_joint(p.X_JF, body);
+    model.inertias[last] = chain.joints.back().link;
+    for (const Load& body : {tool, load}) model.inertias[last] += inertia_in_joint(chain.X_JF, body);
     carrier->update(q0, dq0);
     carried->update(q1, dq1);
     carried->stand_on(*carrier, mount);

@@ -9,7 +9,7 @@
 #include <pinocchio/parsers/urdf.hpp>
 
 #include "core/model/model_terms.hpp"
-#include "core/model/pinocchio_model.hpp"
+#include "core/model/pinocchio_chain.hpp"
 #include "core/testing/test_arm.hpp"
 #include "models/arm_source.hpp"
 
@@ -31,26 +31,28 @@ void expect_close(const Eigen::MatrixXd& actual, const Eigen::MatrixXd& expected
 }
 
 // The model that Pinocchio's own reader makes of the URDF; ours must be the same up to rounding.
-pinocchio::Model model_by_pinocchio(const ArmModelSource& source, const pinocchio::Model& ours) {
+pinocchio::Model model_by_pinocchio(const ArmModelSource& source, const ArmModel::Chain& ours) {
   pinocchio::Model model;
   pinocchio::urdf::buildModelFromXML(source.urdf, model);
   model.jointPlacements[1] =
       pinocchio::SE3(source.X_WB.rotation, source.X_WB.position) * model.jointPlacements[1];
   model.gravity.linear() = Vector3(0, 0, -9.81);
-  EXPECT_EQ(ours.joints, model.joints) << source.name;
-  EXPECT_EQ(ours.jointPlacements, model.jointPlacements) << source.name;
-  for (std::size_t j = 0; j < model.inertias.size(); ++j)
-    EXPECT_TRUE(ours.inertias.at(j).isApprox(model.inertias[j], 1e-14)) << source.name << ", joint " << j;
-  EXPECT_EQ(ours.lowerPositionLimit, model.lowerPositionLimit) << source.name;
-  EXPECT_EQ(ours.upperPositionLimit, model.upperPositionLimit) << source.name;
-  EXPECT_EQ(ours.upperVelocityLimit, model.upperVelocityLimit) << source.name;
-  EXPECT_EQ(ours.upperEffortLimit, model.upperEffortLimit) << source.name;
+  EXPECT_EQ(ours.joints.size() + 1, model.joints.size()) << source.name;
+  EXPECT_TRUE(ours.base.isApprox(model.inertias[0], 1e-14)) << source.name;
+  for (std::size_t j = 0; j < ours.joints.size(); ++j) {
+    EXPECT_EQ(ours.joints[j].X_PJ, model.jointPlacements.at(j + 1)) << source.name << ", joint " << j;
+    EXPECT_TRUE(ours.joints[j].link.isApprox(model.inertias[j + 1], 1e-14)) << source.name << ", joint " << j;
+  }
+  EXPECT_EQ(ours.limits.q_min, model.lowerPositionLimit) << source.name;
+  EXPECT_EQ(ours.limits.q_max, model.upperPositionLimit) << source.name;
+  EXPECT_EQ(ours.limits.dq_max, model.upperVelocityLimit) << source.name;
+  EXPECT_EQ(ours.limits.tau_max, model.upperEffortLimit) << source.name;
   return model;
 }
 
 void expect_agreement(const ArmModelSource& source, Draw& draw) {
   const auto arm = std::make_shared<const ArmModel>(source);
-  const pinocchio::Model by_pinocchio = model_by_pinocchio(source, arm->pinocchio().model);
+  const pinocchio::Model by_pinocchio = model_by_pinocchio(source, arm->chain());
   const std::size_t n = arm->joint_count();
   ModelTerms terms(arm);
   for (int k = 0; k < 8; ++k) {
@@ -60,9 +62,9 @@ void expect_agreement(const ArmModelSource& source, Draw& draw) {
     terms.update(draw.joints(n, 2.5), drawn_dq);
 
     pinocchio::Model model = by_pinocchio;
-    auto& last = model.inertias[arm->pinocchio().last_joint];
+    auto& last = model.inertias.back();
     for (const Load& body : {tool, load}) {
-      if (body.mass > 0) last += inertia_in_joint(arm->pinocchio().X_JF, body);
+      if (body.mass > 0) last += inertia_in_joint(arm->chain().X_JF, body);
     }
     pinocchio::Data data(model);
     const Eigen::VectorXd q = terms.q(), dq = terms.dq();

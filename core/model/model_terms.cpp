@@ -1,9 +1,8 @@
 #include "core/model/model_terms.hpp"
 
 #include <Eigen/LU>
-#include <pinocchio/algorithm/jacobian.hpp>
 
-#include "core/model/pinocchio_model.hpp"
+#include "core/model/pinocchio_chain.hpp"
 
 namespace multipanda {
 
@@ -13,31 +12,40 @@ pinocchio::SE3 se3(const Pose& X) { return {X.rotation, X.position}; }
 
 }  // namespace
 
-// Each instance has its own copy of Pinocchio's model, since tool, load and a moving base change it.
+// The links of one arm at one state. Wrenches, twists and inertias are about the world's origin, in its axes.
 struct ModelTerms::Scratch {
-  explicit Scratch(const ArmModel::Pinocchio& p)
-      : model(p.model), data(model), bare(p.model.inertias[p.last_joint]), q(model.nq), dq(model.nv) {}
-  pinocchio::Model model;
-  pinocchio::Data data;
-  pinocchio::Inertia bare;                           // inertia of the last link without tool and load
-  pinocchio::SE3 X_B1 = pinocchio::SE3::Identity();  // first joint in the base
+  struct Link {
+    pinocchio::SE3 X_WJ = pinocchio::SE3::Identity();
+    pinocchio::Inertia own = pinocchio::Inertia::Zero();     // of the link
+    pinocchio::Inertia behind = pinocchio::Inertia::Zero();  // of it and all links behind it
+    pinocchio::Motion v = pinocchio::Motion::Zero();
+    pinocchio::Force momentum = pinocchio::Force::Zero(), force = momentum;
+  };
+  explicit Scratch(const ArmModel::Chain& chain)
+      : links(chain.joints.size()), X_W1(chain.joints.front().X_PJ), last_link(chain.joints.back().link) {
+    J.setZero(6, static_cast<Eigen::Index>(links.size()));
+  }
+  std::vector<Link> links;
+  Jacobian J;                                        // column i: twist of joint i at unit speed
+  pinocchio::SE3 X_W1;                               // first joint at zero, with the base where it is now
+  pinocchio::SE3 X_B1 = pinocchio::SE3::Identity();  // in the base
+  pinocchio::Inertia last_link;                      // with tool and load, in the joint's frame
   pinocchio::Force links_momentum = pinocchio::Force::Zero();  // as the joints move them, base at rest
   // All bodies of the carried arm as one, about the world's origin, and their momentum; and as they were last
   // known, in the frame of the joint that carries them.
   pinocchio::Inertia carried = pinocchio::Inertia::Zero(), carried_in_joint = carried;
   bool carried_is_known = false;
   pinocchio::Force carried_momentum = pinocchio::Force::Zero();
-  Eigen::VectorXd q, dq;  // Pinocchio's own vector type, allocated once
 };
 
 ModelTerms::ModelTerms(std::shared_ptr<const ArmModel> model)
-    : model_(std::move(model)), scratch_(std::make_unique<Scratch>(model_->pinocchio())) {
+    : model_(std::move(model)), scratch_(std::make_unique<Scratch>(model_->chain())) {
   const auto n = model_->joint_count();
   q_ = dq_ = c_ = g_ = momentum_ = momentum_drift_ = joint_constant(n, 0);
   J_V_WE_.setZero(6, q_.size());
   M_.setZero(q_.size(), q_.size());
   X_WB_ = model_->X_WB();
-  scratch_->X_B1 = se3(X_WB_).actInv(scratch_->model.jointPlacements[1]);
+  scratch_->X_B1 = se3(X_WB_).actInv(scratch_->X_W1);
   V_WB_.vector.setZero();
   update(model_->q_home(), dq_);
 }
@@ -55,25 +63,23 @@ void ModelTerms::update(const ArmState& state) {
 void ModelTerms::update(const JointVector& q, const JointVector& dq) {
   q_ = q;
   dq_ = dq;
-  scratch_->q = q;
-  scratch_->dq = dq;
   done_ = 0;
 }
 
 void ModelTerms::set_config(const ArmFrames& frames, const Load& tool, const Load& load) {
   frames_ = frames;
-  const auto& p = model_->pinocchio();
-  auto& last = scratch_->model.inertias[p.last_joint];
-  last = scratch_->bare;
+  const auto& chain = model_->chain();
+  auto& last = scratch_->last_link;
+  last = chain.joints.back().link;
   // Adding a massless body to a massless link would divide by zero.
-  if (tool.mass > 0) last += inertia_in_joint(p.X_JF, tool);
-  if (load.mass > 0) last += inertia_in_joint(p.X_JF, load);
+  if (tool.mass > 0) last += inertia_in_joint(chain.X_JF, tool);
+  if (load.mass > 0) last += inertia_in_joint(chain.X_JF, load);
   done_ = 0;
 }
 
 void ModelTerms::place_base(const Pose& X_WB) {
   X_WB_ = X_WB;
-  scratch_->model.jointPlacements[1] = se3(X_WB) * scratch_->X_B1;
+  scratch_->X_W1 = se3(X_WB) * scratch_->X_B1;
   done_ = 0;
 }
 
@@ -85,7 +91,7 @@ void ModelTerms::stand_on(ModelTerms& carrier, const BaseMount& mount) {
   if (!carrier.q_.allFinite() || !carrier.dq_.allFinite()) return;
   base_moves_ = true;
   place_base(carrier.X_WJ(mount.joint) * mount.X_JB);
-  const auto& J = carrier.scratch_->data.J;
+  const auto& J = carrier.scratch_->J;
   for (Eigen::Index i = 0; i <= static_cast<Eigen::Index>(mount.joint); ++i)
     V_WB_.vector += J.col(i) * carrier.dq_[i];
 }
@@ -100,9 +106,14 @@ void ModelTerms::carry(ModelTerms& carried, std::size_t joint) {
 void ModelTerms::need_kinematics() {
   if (!first(kKinematics)) return;
   auto& s = *scratch_;
-  const auto& p = model_->pinocchio();
-  pinocchio::computeJointJacobians(s.model, s.data, s.q);
-  const pinocchio::SE3 X = s.data.oMi[p.last_joint] * p.X_JF;
+  const auto& chain = model_->chain();
+  for (std::size_t i = 0; i < s.links.size(); ++i) {
+    const auto column = static_cast<Eigen::Index>(i);
+    const pinocchio::SE3 X_PJ = chain.joints[i].moved(q_[column], i == 0 ? s.X_W1 : chain.joints[i].X_PJ);
+    s.links[i].X_WJ = i == 0 ? X_PJ : s.links[i - 1].X_WJ * X_PJ;
+    s.J.col(column) = chain.joints[i].twist(s.links[i].X_WJ);
+  }
+  const pinocchio::SE3 X = s.links.back().X_WJ * chain.X_JF;
   X_WF_ = {X.rotation(), X.translation()};
   X_WE_ = X_WF_ * frames_.X_FE;
   X_WK_ = X_WE_ * frames_.X_EK;
@@ -128,15 +139,15 @@ std::array<Vector3, 2> ModelTerms::points_from_hand() {
 
 Pose ModelTerms::X_WJ(std::size_t joint) {
   need_kinematics();
-  const auto& X = scratch_->data.oMi[joint + 1];
+  const auto& X = scratch_->links[joint].X_WJ;
   return {X.rotation(), X.translation()};
 }
 
 const Jacobian& ModelTerms::J_V_WE() {
   if (!first(kJacobian)) return J_V_WE_;
   need_kinematics();
-  // Pinocchio's J is the velocity at the world's origin. At E: v_E = v_O + omega x p_WE.
-  const auto& J = scratch_->data.J;
+  // Column i of the scratch's J is the velocity at the world's origin. At E: v_E = v_O + omega x p_WE.
+  const auto& J = scratch_->J;
   const Vector3& p = X_WE_.position;
   for (Eigen::Index i = 0; i < J_V_WE_.cols(); ++i) {
     const Vector3 omega = J.col(i).tail<3>();
@@ -149,7 +160,7 @@ const Jacobian& ModelTerms::J_V_WE() {
 void ModelTerms::point_jacobian(std::size_t joint, const Vector3& p_W,
                                 Eigen::Ref<Eigen::Matrix<double, 3, Eigen::Dynamic>> J_point) {
   need_kinematics();
-  const auto& J = scratch_->data.J;
+  const auto& J = scratch_->J;
   for (Eigen::Index i = 0; i < J_point.cols(); ++i) {
     if (static_cast<std::size_t>(i) > joint) {
       J_point.col(i).setZero();
@@ -165,7 +176,7 @@ JointVector ModelTerms::torque_of(std::size_t joint, const Vector3& p_W, const V
   JointVector tau = JointVector::Zero(q_.size());
   const Vector3 moment_O = F.tail<3>() + p_W.cross(F.head<3>());
   for (Eigen::Index i = 0; i <= static_cast<Eigen::Index>(joint); ++i) {
-    const auto S = scratch_->data.J.col(i);
+    const auto S = scratch_->J.col(i);
     tau[i] = S.head<3>().dot(F.head<3>()) + S.tail<3>().dot(moment_O);
   }
   return tau;
@@ -196,7 +207,7 @@ const Twist& ModelTerms::V_WE() {
 void ModelTerms::need_carried() {
   if (carried_ == nullptr) return;
   auto& s = *scratch_;
-  const pinocchio::SE3& X_WJ = s.data.oMi[carried_joint_ + 1];
+  const pinocchio::SE3& X_WJ = s.links[carried_joint_].X_WJ;
   s.carried_is_known = carried_->q_.allFinite() && carried_->dq_.allFinite();
   if (!s.carried_is_known) {
     s.carried = X_WJ.act(s.carried_in_joint);
@@ -204,7 +215,7 @@ void ModelTerms::need_carried() {
   }
   carried_->need_motion();
   const auto& from = *carried_->scratch_;
-  s.carried = from.data.oYcrb[1] + se3(carried_->X_WB_).act(from.model.inertias[0]);
+  s.carried = from.links.front().behind + se3(carried_->X_WB_).act(carried_->model_->chain().base);
   s.carried_in_joint = X_WJ.actInv(s.carried);
   s.carried_momentum = from.links_momentum + s.carried * pinocchio::Motion(carried_->V_WB_.vector);
 }
@@ -214,12 +225,14 @@ void ModelTerms::need_inertias() {
   if (!first(kInertias)) return;
   need_kinematics();
   need_carried();
-  auto& d = scratch_->data;
-  for (std::size_t i = joint_count(); i > 0; --i) {
-    d.oinertias[i] = d.oMi[i].act(scratch_->model.inertias[i]);
-    if (carried_ != nullptr && i == carried_joint_ + 1) d.oinertias[i] += scratch_->carried;
-    d.oYcrb[i] = d.oinertias[i];
-    if (i < joint_count()) d.oYcrb[i] += d.oYcrb[i + 1];
+  auto& links = scratch_->links;
+  const auto& joints = model_->chain().joints;
+  for (std::size_t i = joint_count(); i-- > 0;) {
+    const bool is_last = i + 1 == joint_count();
+    links[i].own = links[i].X_WJ.act(is_last ? scratch_->last_link : joints[i].link);
+    if (carried_ != nullptr && i == carried_joint_) links[i].own += scratch_->carried;
+    links[i].behind = links[i].own;
+    if (!is_last) links[i].behind += links[i + 1].behind;
   }
 }
 
@@ -228,11 +241,11 @@ void ModelTerms::need_inertias() {
 const JointMatrix& ModelTerms::M() {
   if (!first(kMass)) return M_;
   need_inertias();
-  const auto& d = scratch_->data;
+  const auto& s = *scratch_;
   for (Eigen::Index j = 0; j < q_.size(); ++j) {
-    const pinocchio::Motion S(d.J.col(j));
-    const Vector6 F = (d.oYcrb[static_cast<std::size_t>(j) + 1] * S).toVector();
-    for (Eigen::Index i = 0; i <= j; ++i) M_(i, j) = M_(j, i) = d.J.col(i).dot(F);
+    const pinocchio::Motion S(s.J.col(j));
+    const Vector6 F = (s.links[static_cast<std::size_t>(j)].behind * S).toVector();
+    for (Eigen::Index i = 0; i <= j; ++i) M_(i, j) = M_(j, i) = s.J.col(i).dot(F);
   }
   if (model_->known_motor_inertia().size() > 0) M_.diagonal() += model_->known_motor_inertia();
   return M_;
@@ -241,11 +254,11 @@ const JointMatrix& ModelTerms::M() {
 const JointVector& ModelTerms::g() {
   if (!first(kGravity)) return g_;
   need_inertias();
-  const auto& d = scratch_->data;
-  const Vector3 gravity = scratch_->model.gravity.linear();
+  const auto& s = *scratch_;
+  const Vector3 gravity(0, 0, -9.81);
   for (Eigen::Index i = 0; i < q_.size(); ++i) {
-    const auto& Y = d.oYcrb[static_cast<std::size_t>(i) + 1];
-    const Vector3 weight = Y.mass() * gravity, S_v = d.J.col(i).head<3>(), S_w = d.J.col(i).tail<3>();
+    const auto& Y = s.links[static_cast<std::size_t>(i)].behind;
+    const Vector3 weight = Y.mass() * gravity, S_v = s.J.col(i).head<3>(), S_w = s.J.col(i).tail<3>();
     g_[i] = -S_v.dot(weight) - S_w.dot(Y.lever().cross(weight));
   }
   return g_;
@@ -264,37 +277,38 @@ const JointVector& ModelTerms::g() {
 void ModelTerms::need_motion() {
   if (!first(kMotion)) return;
   g();
-  auto& d = scratch_->data;
+  auto& s = *scratch_;
   pinocchio::Motion v = pinocchio::Motion::Zero(), a = v;
   for (Eigen::Index i = 0; i < q_.size(); ++i) {
-    const auto k = static_cast<std::size_t>(i) + 1;
-    const pinocchio::Motion joint(dq_[i] * d.J.col(i));
+    auto& link = s.links[static_cast<std::size_t>(i)];
+    const pinocchio::Motion joint(dq_[i] * s.J.col(i));
     a += v.cross(joint);
     v += joint;
-    d.ov[k] = v;
-    d.oh[k] = d.oinertias[k] * v;
-    d.of[k] = d.oinertias[k] * a + v.cross(d.oh[k]);
+    link.v = v;
+    link.momentum = link.own * v;
+    link.force = link.own * a + v.cross(link.momentum);
   }
   pinocchio::Force H = pinocchio::Force::Zero(), F = H;
   for (Eigen::Index i = q_.size() - 1; i >= 0; --i) {
-    const auto k = static_cast<std::size_t>(i) + 1;
-    const pinocchio::Motion S(d.J.col(i));
-    H += d.oh[k];
-    F += d.of[k];
+    const auto k = static_cast<std::size_t>(i);
+    const auto& link = s.links[k];
+    const pinocchio::Motion S(s.J.col(i));
+    H += link.momentum;
+    F += link.force;
     c_[i] = S.dot(F);
-    pinocchio::Motion whole_v = d.ov[k];
+    pinocchio::Motion whole_v = link.v;
     pinocchio::Force whole_H = H;
-    if (carried_ != nullptr && scratch_->carried_is_known && k <= carried_joint_ + 1)
-      whole_H += scratch_->carried_momentum - scratch_->carried * d.ov[carried_joint_ + 1];
+    if (carried_ != nullptr && s.carried_is_known && k <= carried_joint_)
+      whole_H += s.carried_momentum - s.carried * s.links[carried_joint_].v;
     if (base_moves_) {
       const pinocchio::Motion base(V_WB_.vector);
       whole_v += base;
-      whole_H += d.oYcrb[k] * base;
+      whole_H += link.behind * base;
     }
     momentum_[i] = S.dot(whole_H);
     momentum_drift_[i] = whole_v.cross(S).dot(whole_H) - g_[i];
   }
-  scratch_->links_momentum = H;
+  s.links_momentum = H;
 }
 
 const JointVector& ModelTerms::c() {
@@ -314,22 +328,22 @@ const JointVector& ModelTerms::momentum_drift() {
 // one factor v, averaged over which is which.
 JointVector ModelTerms::coriolis_times(const JointVector& v) {
   need_inertias();
-  auto& d = scratch_->data;
+  auto& s = *scratch_;
   pinocchio::Motion own = pinocchio::Motion::Zero(), other = own, a = own;
   for (Eigen::Index i = 0; i < q_.size(); ++i) {
-    const auto k = static_cast<std::size_t>(i) + 1;
-    const pinocchio::Motion joint(dq_[i] * d.J.col(i)), other_joint(v[i] * d.J.col(i));
+    auto& link = s.links[static_cast<std::size_t>(i)];
+    const pinocchio::Motion joint(dq_[i] * s.J.col(i)), other_joint(v[i] * s.J.col(i));
     a += 0.5 * (own.cross(other_joint) + other.cross(joint));
     own += joint;
     other += other_joint;
-    const pinocchio::Force h = d.oinertias[k] * own, other_h = d.oinertias[k] * other;
-    d.of[k] = d.oinertias[k] * a + 0.5 * (own.cross(other_h) + other.cross(h));
+    const pinocchio::Force h = link.own * own, other_h = link.own * other;
+    link.force = link.own * a + 0.5 * (own.cross(other_h) + other.cross(h));
   }
   JointVector torque(q_.size());
   pinocchio::Force F = pinocchio::Force::Zero();
   for (Eigen::Index i = q_.size() - 1; i >= 0; --i) {
-    F += d.of[static_cast<std::size_t>(i) + 1];
-    torque[i] = pinocchio::Motion(d.J.col(i)).dot(F);
+    F += s.links[static_cast<std::size_t>(i)].force;
+    torque[i] = pinocchio::Motion(s.J.col(i)).dot(F);
   }
   return torque;
 }

@@ -8,6 +8,7 @@
 #include "core/types/arm_set.hpp"
 #include "core/types/codes.hpp"
 #include "core/types/joint_range.hpp"
+#include "core/types/rotation_between.hpp"
 #include "core/types/spatial.hpp"
 #include "core/types/time.hpp"
 
@@ -25,6 +26,21 @@ TEST(Rotation, ExponentialAgreesWithAngleAxis) {
     EXPECT_LT((exp_rotation(angle * axis) - expected).norm(), 1e-14);
   }
   EXPECT_EQ(exp_rotation(Vector3::Zero()), Matrix3::Identity());
+}
+
+TEST(Rotation, BetweenTwoDirectionsIsTheShortest) {
+  test::Draw draw(2);
+  for (int i = 0; i < 1000; ++i) {
+    const Vector3 from = draw.vector3(2),
+                  near_opposite = -from + draw.vector3(std::pow(10.0, -draw.uniform(1, 14)));
+    const Vector3 to = i % 3 == 0 ? near_opposite : i % 3 == 1 ? Vector3(-from) : draw.vector3(2);
+    const Quaternion q = rotation_between(from, to);
+    EXPECT_NEAR(q.norm(), 1, 1e-9);
+    EXPECT_LT((q * from.normalized() - to.normalized()).norm(), 2e-6)
+        << from.transpose() << " to " << to.transpose();
+    const double angle = std::atan2(from.cross(to).norm(), from.dot(to));
+    EXPECT_NEAR(q.angularDistance(Quaternion::Identity()), angle, 2e-6);
+  }
 }
 
 // Of what was rounded to four digits remains the rotation that was meant, to the digits; singular values say

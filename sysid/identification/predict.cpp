@@ -9,6 +9,7 @@
 
 #include "core/model/model_terms.hpp"
 #include "core/state/external_force.hpp"
+#include "core/types/rotation_between.hpp"
 #include "models/arm_source.hpp"
 #include "sysid/identification/equations.hpp"
 #include "sysid/identification/inertial_parameters.hpp"
@@ -179,7 +180,7 @@ Eigen::MatrixXd observed_torque(const MeasuredLog& log, const RobotDescription& 
   }
   const Vector3 gravity_B = tilted(log.gravity_B.value_or(options.gravity_B), robot.base_tilt);
   Pose X_WB;
-  X_WB.rotation = Quaternion::FromTwoVectors(gravity_B, Vector3(0, 0, -1)).toRotationMatrix();
+  X_WB.rotation = rotation_between(gravity_B, Vector3(0, 0, -1)).toRotationMatrix();
   ModelTerms terms(std::make_shared<const ArmModel>(arm_model_source(robot, X_WB, options.hand)));
   ArmState state;
   if (options.tool) state.tool = {options.tool->mass, options.tool->com, options.tool->inertia};
