@@ -91,7 +91,7 @@ class SealedMemory {
 class SharedRecords {
  public:
   static constexpr std::size_t kRecords = 2048;  // 2 s at 1 kHz
-  static constexpr std::size_t kEvents = 2048;
+  static constexpr std::size_t kEvents = 512;
   static constexpr std::size_t kEventBytes = 1024;
 
   // `frames`: of each arm at the start; changes come as events. `mounts`: per arm, for arms carried by
