@@ -84,7 +84,7 @@ def main():
             records += ages_us(run, count)
             timer += lateness_us(count)
         age, late = np.percentile(records, [50, 99]), np.percentile(timer, [50, 99])
-        print("age of a record when it is read, beside the lateness of a bare 1 ms timer [us]: median, p99")
+        print("age of a record when it is read, and lateness of a bare 1 ms timer [us]: median, p99")
         print(f"  record: {age[0]:.0f}, {age[1]:.0f}; timer: {late[0]:.0f}, {late[1]:.0f}")
 
         turns = {"idle": [], "busy": []}

@@ -112,7 +112,7 @@ int run(ObserveArguments& arguments) {
   const RobotDescription robot = load_robot(arguments.model);
   const PredictOptions equipment{
       .hand = mounting.hand, .tool = mounting.tool, .gravity_B = mounting.gravity_B};
-  TouchOptions plain = arguments.options;  // what the arm estimates has its own stages
+  TouchOptions plain = arguments.options;  // the arm filters its own estimates
   plain.stage_hz = 0;
   std::vector<Touches> ours, theirs;
   std::ofstream table;

@@ -86,7 +86,7 @@ void ArmsRun::take(const CycleRecord& record) {
   newest_ = record.arms;
   cycle_ = record.cycle;
   t_ = record.t.seconds();
-  // Records come after answers: one of before the last switch shows a hold that is not the stop's.
+  // Records come after answers: one from before the last switch shows a hold that is not the stop's.
   if (stopping_ && cycle_ > answered_ && newest_[*stopping_].owner == expected_[*stopping_]) {
     stopping_.reset();
     expected_from_ = cycle_;
@@ -226,7 +226,7 @@ Track ArmsRun::watch(double duration, unsigned every, const std::function<bool(c
   every_ = every;
   skip_ = every - 1;
   begin_ = t_;
-  // Records come late: those of before a stop are not of its watch.
+  // Records come late: those from before the stop do not count.
   watched_from_ = std::exchange(stop_asked_, HostTime{});
   recording_ = true;
   std::string why;

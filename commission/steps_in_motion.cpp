@@ -176,7 +176,7 @@ StepResult run_weight(Context& context) {
         fmt::format("the estimate changed by [{:.1f}, {:.1f}, {:.1f}] N, expected [0, 0, {:.1f}] N",
                     change.x(), change.y(), change.z(), expected);
     result.measured[name] = {{"weight_kg", kg}, {"force_n", {change.x(), change.y(), change.z()}}};
-    result.at_most(name, fmt::format("error of the force of {:g} kg", kg),
+    result.at_most(name, fmt::format("error of the estimated force with {:g} kg", kg),
                    (change - Vector3(0, 0, expected)).norm(), "N", most,
                    "repeat with the weight at rest; if it fails again, repeat the payload step or run "
                    "'identify'; do not use force control until then",

@@ -32,8 +32,8 @@ void check_addresses_of_all(const Scene& scene, const BackendOptions& options);
 // arms only a person clears it.
 void check_no_recovery(const Scene& scene);
 
-// Throws std::invalid_argument: the scene's timeline moves objects, which only a simulation does; or as
-// check_no_recovery.
+// Throws std::invalid_argument if the scene's timeline moves objects, which only a simulation can do, and as
+// check_no_recovery does.
 void check_for_arms(const Scene& scene, const std::string& variant);
 
 // An object that a person must place for a run on arms.

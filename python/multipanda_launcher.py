@@ -1,6 +1,6 @@
 """The command `multipanda` of an installed wheel: the native program, with this Python for the pages.
 
-Beside the package and not in it: importing the package loads numpy, which takes longer than the program's start.
+Next to the package, not in it: importing the package loads numpy, which takes longer than the program's start.
 """
 
 import os

@@ -190,7 +190,7 @@ struct TimelineEvent {
 // How a run appears in ROS 2 (`run --ros`); it has no effect on the arms.
 struct RosSection {
   enum class Time { automatic, simulation, system };
-  // Names and message types of another system, beside our own.
+  // Names and message types of another system, in addition to our own.
   enum class Compat { none, multipanda_ros2, franka_ros2 };
 
   // How often each group of topics is published [Hz of the loop's time]; 0: never. A rate means every n-th

@@ -37,8 +37,7 @@ struct DesiredState {
   Twist V_BE_d, V_BE_c;              // O_dP_EE_d, O_dP_EE_c
   Vector6 A_BE_d = Vector6::Zero();  // not published; for the arm's own controllers [m/s^2, rad/s^2]
   Vector6 A_BE_c = Vector6::Zero();  // O_ddP_EE_c [m/s^2, rad/s^2]
-  // elbow_c: as commanded; elbow_d and its differences without a command. Second entries of the
-  // differences: 0.
+  // elbow_c: as commanded; elbow_d: of q_d, also without a command. Second entries of the differences: 0.
   Elbow elbow_d{}, elbow_c{}, delbow_c{}, ddelbow_c{};
 };
 

@@ -67,7 +67,7 @@ class MovedInputs {
   explicit MovedInputs(MultimodeController& modes) : modes_(modes) {}
 
   void add(InstanceIndex instance, std::size_t input) { inputs_[{instance, input}] = 0; }
-  // `record`: the number of the newest one when it was asked for.
+  // `record`: number of the newest record at the time of the request.
   void add_change(InstanceIndex instance, std::uint64_t record) { changed_[instance] = record; }
   // A request that the loop has not taken yet.
   void add_ticket(std::uint64_t ticket) { tickets_.push_back(ticket); }

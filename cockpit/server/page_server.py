@@ -108,7 +108,7 @@ class Gaps:
 
 
 def canonical(text):
-    """The message as the run reads it; null: it is not valid JSON. Whatever says stop is one (docs/live_input.md)."""
+    """The message as the run reads it; null: not valid JSON. Any text with stop in it stops (docs/live_input.md)."""
     message, good = None, b"null"
     try:
         message = json.loads(text, parse_int=lambda digits: int(digits) if len(digits) < 300 else math.inf)

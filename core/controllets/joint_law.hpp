@@ -20,7 +20,7 @@ class Elbow {
  private:
   void see_inertia(ModelTerms& terms, double damping);
   static constexpr double kDamping = 0.005;  // [1/kg]
-  // A torso of 10 kg m^2 has 0.01 1/kg at 0.3 m: 5 % more than the bound may act there.
+  // A torso of 10 kg m^2 has 0.01 1/kg at 0.3 m: the damping lets 5 % more than the bound act there.
   static constexpr double kDampingOfPoint = 0.0005;
 
   Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, kMaxJoints> J_;    // (3 x n)

@@ -90,7 +90,7 @@ class UficAxes {
   };
   double update(std::size_t i, const ForceGains& gains, double threshold, double doubt, double shape,
                 const Limits& limits, ValveLaw law, const Instant& now, double dt);
-  static constexpr double kBearing = 0.5, kGivingWay = 0.02;  // of Axis::borne, from one end to the other [s]
+  static constexpr double kBearing = 0.5, kGivingWay = 0.02;  // time of Axis::borne from 0 to 1, and back [s]
   Vector6 in_frame(const Vector6& x) const;
   Vector6 in_world(const Vector6& y) const;
 

@@ -27,7 +27,7 @@ class BoundedDrive {
                     const JointMatrix& factor, const JointVector* law);
 
  private:
-  double share_ = 0;  // of the bounds, with which it pulls; a start needs no reset, since features fade in
+  double share_ = 0;  // share of the bounds that it pulls with; a start needs no reset: features fade in
 };
 
 }  // namespace multipanda

@@ -268,8 +268,8 @@ void Reference::rebase() {
   }
 }
 
-// For a segment that ends at rest. A noisy stream of forces or numbers, which accelerate no mass, leaves a
-// second derivative without bound: continued, it would move the segment far beyond both of its ends.
+// For a segment that ends at rest. Forces and numbers accelerate no mass, so a noisy stream of them can
+// leave a huge second derivative, which would carry the segment far beyond both of its ends.
 void Reference::rebase_to_rest() {
   rebase();
   if (spec_.quantity != Quantity::pose && spec_.quantity != Quantity::joints) now_.acceleration = {};

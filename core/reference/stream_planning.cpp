@@ -138,7 +138,7 @@ Reference::Aim Reference::aim_past(const Target& target, const Aim& sample, doub
   const Matrix3 R_last = Pose::from(last_.values.data()).rotation;
   Vector3 omega = log_rotation(R * R_last.transpose()) / span;
   if (omega.norm() > spec_.max_angular_speed) omega *= spec_.max_angular_speed / omega.norm();
-  // Inverse left Jacobian, r small within a horizon.
+  // First order of the inverse left Jacobian: r stays small within the horizon.
   const auto turn = [&](const Vector3& r) {
     const Vector3 dr = omega - 0.5 * r.cross(omega);
     for (std::size_t i = 0; i < 3; ++i) {

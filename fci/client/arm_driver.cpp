@@ -115,7 +115,7 @@ void ArmDriver::run() {
     }
     if (const double share = low_success_.exchange(1, std::memory_order_acq_rel); share < 1) {
       notify("it received only " + std::to_string(std::lround(100 * share)) +
-             " % of the last 100 commands, and stops after 20 lost ones in a row: `multipanda doctor` tells "
+             " % of the last 100 commands, and stops after 20 lost ones in a row: `multipanda doctor` says "
              "whether this computer or the network is late");
     }
     change_motion();
@@ -419,7 +419,7 @@ void ArmDriver::command(const JointVector& tau_cmd) noexcept {
   if (motion() != ArmMotion::torque || refused_ || mode(link_.received_at()) != ArmMode::move) return;
   if (tau_cmd.size() != 7 || !tau_cmd.allFinite())
     return refuse_motion("an invalid torque command was rejected");
-  // An arm waits for the first torque for any time, also while this program stalls, perhaps amid this cycle.
+  // An arm waits without limit for the first torque: this program may have stalled since, even in this cycle.
   const std::int64_t running = running_ns_.load(std::memory_order_acquire);
   if (!commanded_ && !options_.lockstep && running > 0 &&
       host_now().ns - running > std::chrono::nanoseconds(GapWatch::kLongest).count())

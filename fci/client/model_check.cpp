@@ -30,7 +30,7 @@ std::string flange_link(const std::string& urdf) {
   throw std::invalid_argument("the arm's model has no link8 (the flange)");
 }
 
-// Poses, masses and gravity of the arm, with the load behind its flange, in the frames of ours.
+// Poses, masses and gravity of the arm, with the load behind its flange, in the frames of the scene's model.
 struct Outputs {
   Pose X_WF;
   Eigen::MatrixXd M;

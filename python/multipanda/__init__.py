@@ -38,7 +38,7 @@ class _Package(types.ModuleType):
         return vars(self)[name]
 
     def __setattr__(self, name: str, value: object) -> None:
-        # The import system stores each module of the package here, where the functions are to be.
+        # The import system would store each module of the package here, in place of the function of the same name.
         if name not in self._FUNCTIONS or not isinstance(value, types.ModuleType):
             super().__setattr__(name, value)
 

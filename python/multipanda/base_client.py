@@ -26,9 +26,9 @@ Names = str | Iterable[str]
 T = TypeVar("T")
 
 _FIRST_CYCLE_S = 60  # a real arm may take a while to begin
-_CATCH_UP_S = 1  # the state is published beside the loop, a moment after the answer
+_CATCH_UP_S = 1  # another thread publishes the state, a moment after the answer
 _OLD_S = 0.1  # an older state means that the run has stalled
-_EVENTS_S = 0.1  # events are written beside the loop, a moment after the state
+_EVENTS_S = 0.1  # another thread writes the events, a moment after the state
 _LOOKED_THROUGH = 256  # newest events that are searched
 
 
@@ -61,7 +61,7 @@ def _names(names: Names) -> list[str]:
 
 
 class BaseClient:
-    """A connection to a running scene: what Client has beside arms and controllets. Errors are those of Client.
+    """A connection to a running scene: what Client has besides arms and controllets. Errors are those of Client.
 
     Attributes:
         scene: Name of the scene.

@@ -335,7 +335,7 @@ class Bridge:
                         self.pass_stops(contents)
 
     def pass_stops(self, contents: bytes) -> None:
-        """Gives stops to the run, on a connection of its own; half a line that says stop is one, too."""
+        """Passes stops to the run on a separate connection; half a line that contains stop counts, too."""
         for line in contents.split(b"\n"):
             if _stops(line):
                 with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as own:

@@ -103,7 +103,7 @@ class OpenCvCamera(Camera):
             raise ModuleNotFoundError("OpenCvCamera needs OpenCV: pip install opencv-python-headless") from missing
         self._capture = cv2.VideoCapture(self._device)
         if not self._capture.isOpened():
-            raise OSError(f"{self._device} cannot be opened: is it plugged in, and used by nobody else?")
+            raise OSError(f"{self._device} cannot be opened: is it plugged in, and free?")
         for name, value in self._asked.items():
             if value is not None:
                 self._capture.set(getattr(cv2, f"CAP_PROP_{name}"), value)
@@ -282,7 +282,7 @@ class _Feed:
 
     def _failed(self, fault: str) -> None:
         if fault != self.fault:
-            _LOGGER.warning("camera %s: %s; the run goes on, the camera is opened again", ", ".join(self._names), fault)
+            _LOGGER.warning("camera %s: %s; the run continues, the camera is reopened", ", ".join(self._names), fault)
         self.fault = fault
 
     def close(self) -> None:

@@ -35,7 +35,7 @@ def socket_folder() -> pathlib.Path:
 
 
 def make_socket_folder() -> pathlib.Path:
-    """The folder, closed to others, as the program requires: whoever can write into it can move the arms."""
+    """The folder, closed to others, as the program requires: who can write into it can move the arms."""
     folder = socket_folder()
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -52,7 +52,7 @@ def running_sockets() -> list[pathlib.Path]:
     found = []
     for path in sorted(socket_folder().glob("*.sock")):
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-            probe.setblocking(False)  # a frozen run, which accepts nobody, is active as well
+            probe.setblocking(False)  # a frozen run, which accepts no connection, is active as well
             if probe.connect_ex(str(path)) in (0, errno.EAGAIN):
                 found.append(path)
     return found
@@ -109,7 +109,7 @@ def stop_run(
         except Disconnected:
             raise
         except (OSError, ValueError):
-            pass  # it accepts nobody at the moment, or a full run has ended this connection for another one
+            pass  # it accepts no connection at the moment, or a full run has ended this connection for another one
         time.sleep(0.001)
     raise Timeout(f"the run at {path} did not answer 'stop' within {timeout_s:g} s", "it stops when it continues")
 

@@ -1,6 +1,6 @@
 """`multipanda arm`: unlocks an arm's joints, activates its FCI and locks it again, by the web interface of its Desk.
 
-A program of its own, which moves no arm. Whence it knows the interface: docs/real_arms.md#ready-by-command.
+A separate program, which moves no arm. Sources of the interface: docs/real_arms.md#ready-by-command.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 ANSWER_S, BRAKES_S, FCI_S, TAKE_S, POLL_S, WATCH_S = 10, 60, 15, 30, 0.5, 5  # brakes open within about 10 s
-MISSED = 6  # a look at who has control fails so often before control, and with it the FCI, is given up
+MISSED = 6  # checks of control that may fail in a row before control, and with it the FCI, is given up
 ENDINGS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 REACH = "check power, cable and address, and that a browser shows the arm's Desk there"
 OTHER = "check the address; this system version may have another interface"
 STOPPED = "release the user stop, finish errors and due self-tests in Desk, then try again"
-HOLDER = "ask them to release it in Desk, or to end their `arm ready`; --take requests it"
-ADVICE = {401: "check --user and the password, by Desk in a browser", 404: OTHER, 423: HOLDER}
+HOLDER = "ask that user to release it in Desk or to end `arm ready`; --take requests it"
+ADVICE = {401: "check --user and the password by a login in a browser", 404: OTHER, 423: HOLDER}
 # The request of a newer FR3's interface, then those of older systems: after HTTP 404 the next one is tried.
 ACTIONS = {
     "unlock": ["POST /api/arm/joints:unlock", "POST /desk/api/joints/unlock", "POST /desk/api/robot/open-brakes"],
@@ -63,7 +63,7 @@ def say(text: object) -> None:
 
 
 def dig(value: Any, *keys: str) -> Any:
-    """value[key][key]..., or None: what a system version does not tell."""
+    """value[key][key]..., or None: what a system version does not report."""
     for key in keys:
         value = value.get(key) if isinstance(value, dict) else None
     return value
@@ -105,7 +105,7 @@ class Web:
         if self.expected not in (None, found):
             cause = f"the certificate of {self.host} has changed; nothing was sent\n  expected {self.expected}"
             advice = (
-                "find out why: update, reset, other arm, or somebody between? If a browser at the arm shows it, too"
+                "find out why: an update, a reset, another arm, or an attack? If a browser at the arm shows it, too"
             )
             raise DeskError(f"{cause}\n  found    {found}", f"{advice}: --certificate {found}")
         self.expected = found
@@ -180,10 +180,10 @@ class Desk:
         return value
 
     def state(self) -> dict[str, Any]:
-        """Holder of control and id of its token, state of the joints, ...; None: nobody, or not told."""
+        """Holder of control and id of its token, state of the joints, ...; None: no holder, or not reported."""
         token = self.call("GET /api/system/control-token" if self.newer else "GET /admin/api/control-token")
         if not isinstance(token, dict) or not (self.newer or "activeToken" in token):
-            raise DeskError(f"{self.web.host} is not a Desk: it does not tell who has control", OTHER)
+            raise DeskError(f"{self.web.host} is not a Desk: it does not report who has control", OTHER)
         if self.newer:
             brakes, fci = self.call("GET /api/arm/joints"), self.call("GET /api/fci")
             owner, token_id = token.get("owner"), token.get("tokenId") or token.get("owner")
@@ -216,7 +216,7 @@ class Desk:
         self.token = self.secret(dig(answer, "token"))
 
     def has_control(self, state: dict[str, Any]) -> bool:
-        return state["token_id"] in (self.token_id, self.user)  # where no id is told, the owner
+        return state["token_id"] in (self.token_id, self.user)  # where no id is reported, the owner
 
     def give_back(self) -> None:
         """Gives control back, or withdraws a request for it that waits; tries twice."""
@@ -262,7 +262,7 @@ class Desk:
 
 
 def first_look(web: Web) -> tuple[int, str]:
-    """Which interface there is shows without the password; whoever has the first certificate will get that."""
+    """The interface's version, found without the password. The owner of the first certificate will get the password."""
     found = web.exchange("GET /api/system", None, {}, ANSWER_S)
     if web.unknown:
         say(f"first contact with {web.host}; its certificate's SHA-256 is {web.expected}")
@@ -295,7 +295,7 @@ def control(desk: Desk, take: bool) -> Iterator[dict[str, Any]]:
     if holder and not take:
         raise DeskError(f"'{holder}' has control of {desk.web.host}", HOLDER)
     if holder:
-        say(f"'{holder}' has control: press the circle button ON THE ARM, or let them confirm, within {TAKE_S} s")
+        say(f"'{holder}' has control: press the circle button ON THE ARM, or let that user confirm, within {TAKE_S} s")
     try:
         try:
             desk.request_control(bool(holder))
@@ -319,8 +319,8 @@ def ready(desk: Desk, options: argparse.Namespace) -> None:
         if not state["fci"]:
             desk.step("fci on", lambda now: now["fci"] in (None, True), "active FCI", FCI_S)
         now = desk.state()
-        told = "joints unlocked" if now["joints"] else "told to unlock its joints, which it does not show"
-        told += ", FCI active" if now["fci"] else ", told to activate its FCI, which it does not show"
+        told = "joints unlocked" if now["joints"] else "unlocking was requested, but the arm does not report it"
+        told += ", FCI active" if now["fci"] else ", the FCI was requested, but the arm does not report it"
         print(f"{desk.web.host} is ready: {told}", flush=True)
         say("control is held until Ctrl-C or SIGTERM; the FCI may end with it")
         missed = 0
@@ -333,15 +333,15 @@ def ready(desk: Desk, options: argparse.Namespace) -> None:
                     missed += 1
                     if error.status or missed == MISSED:
                         raise
-                    say(f"{error}\nControl is kept; it looks again")
-            raise DeskError(f"control was lost to '{state['holder'] or 'nobody'}'", "begin again, if it is yours")
+                    say(f"{error}\nControl is kept; trying again")
+            raise DeskError(f"control was lost to '{state['holder'] or 'nobody'}'", "begin again once control is free")
 
 
 def lock(desk: Desk, options: argparse.Namespace) -> None:
     def check(fci: bool | None) -> None:
         if (fci or (fci is None and desk.newer)) and not options.anyway:
             advice = "end that program first; --anyway ends the FCI, which stops the arm, and locks"
-            found = "is active" if fci else "may be active, which the arm does not tell"
+            found = "is active" if fci else "may be active: the arm does not report it"
             raise DeskError(f"the FCI {found}: a program may be moving the arm", advice)
 
     check(desk.state()["fci"])  # before control is taken from that program
@@ -351,7 +351,7 @@ def lock(desk: Desk, options: argparse.Namespace) -> None:
             desk.step("fci off", lambda now: not now["fci"], "end of the FCI", FCI_S)
         desk.step("lock", lambda now: now["joints"] in (None, "locked"), "locked joints", BRAKES_S)
         shown = desk.state()["joints"]
-    told = "is locked" if shown else "was told to lock its joints, which it does not show: see that they are"
+    told = "is locked" if shown else "was asked to lock its joints, but does not report it: check that they are locked"
     print(f"{desk.web.host} {told}", flush=True)
 
 

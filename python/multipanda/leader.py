@@ -149,7 +149,7 @@ def drive(
     Following begins when the leaders have been still for a second, each joint within 0.3 rad of its arm's and each
     trigger within 20 mm of its fingers, or squeezed farther if they hold something; until then nothing moves. The arms
     then go to them within the bounds of their controllets. Leaders more than 0.6 rad ahead, or a silence of this
-    process, hold the arms until they are near and still again. All else that is wrong holds the arms and ends this
+    process, hold the arms until they are near and still again. Any other fault holds the arms and ends this
     function: a leader or pedal that is gone, silent, in error, or jumps; a stop, an error, another owner of an arm.
 
     Args:

@@ -141,7 +141,7 @@ class Record:
         return 1e-9 * (time.monotonic_ns() - self.start_ns)
 
     def errors(self, arm: str | None = None) -> bool:
-        """Whether an arm, or any, has stopped itself."""
+        """Whether `arm` has stopped itself; without it, whether any arm has."""
         arms = self._layout.arms
         names = arms if arm is None else (arm,)
         return any(self._row.item(arms[name]["errors"].start) != 0 for name in names)

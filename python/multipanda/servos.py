@@ -295,7 +295,7 @@ class Calibration:
 
 
 class Angles:
-    """Angles of servos that count within a turn, followed across its ends: a joint's range tells the first turn."""
+    """Angles of servos that count within a turn, followed across its ends: a joint's range gives the first turn."""
 
     def __init__(self, calibration: Calibration) -> None:
         c = calibration

@@ -240,7 +240,7 @@ class Link:
 
     def _serve(self, timeout_s: float) -> None:
         try:
-            self._greet(time.monotonic() + timeout_s)
+            self._handshake(time.monotonic() + timeout_s)
             self._send(frame(b"b", 0, struct.pack("<d", self._silence_s)))
             frames, self._heard_s, next_ping_s = Frames(), time.monotonic(), 0.0
             while not self.lost:
@@ -271,7 +271,7 @@ class Link:
             self._waker, waker = -1, self._waker
             os.close(waker)
 
-    def _greet(self, deadline_s: float) -> None:
+    def _handshake(self, deadline_s: float) -> None:
         """Waits for the bridge; skips the output of a login shell."""
         heard = b""
         while MAGIC not in heard:

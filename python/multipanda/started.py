@@ -279,12 +279,12 @@ class Run(Client):
         """Waits until the scene is over by itself (seconds=... or timeline=True), then closes.
 
         Raises:
-            Timeout: It goes on after timeout_s [s].
+            Timeout: It still runs after timeout_s [s].
         """
         try:
             self.process.child.wait(timeout_s)
         except subprocess.TimeoutExpired:
-            raise Timeout(f"the run goes on after {timeout_s:g} s", "close() ends it in hold") from None
+            raise Timeout(f"the run has not ended after {timeout_s:g} s", "close() ends it in hold") from None
         self.close()
         assert self.summary is not None
         return self.summary

@@ -34,7 +34,7 @@ Executor::~Executor() { stop(); }
 std::string Executor::late(double patience_s) const {
   if (gaps_.settles()) return kStalled;
   if (seconds(host_now() - sent()) <= patience_s) return {};
-  return "it waited on this overloaded computer for longer than its sender does: send it again";
+  return "it waited on this overloaded computer for longer than its sender waits: send it again";
 }
 
 void Executor::start() {

@@ -7,7 +7,7 @@
 namespace multipanda {
 namespace {
 
-// The struct behind the value if it begins like one of ours; nullptr otherwise.
+// The struct behind the value if it begins like a SharedArmState; nullptr otherwise.
 const SharedArmState* behind(double value) {
   const auto address = std::bit_cast<std::uintptr_t>(value);
   constexpr std::uintptr_t kFirstPage = 4096, kLast = std::uintptr_t{1} << 47;  // of user space
@@ -49,7 +49,8 @@ std::string shared_arm_state_refusal(double value) {
   }
   if (shared->layout != kStateLayout) {
     return "the hardware was built with the same headers as this controller, but with other flags or another "
-           "Eigen, so that type layouts differ; build multipanda_hardware and multipanda_controller alike";
+           "Eigen, so that type layouts differ; build multipanda_hardware and multipanda_controller in the "
+           "same way";
   }
   return {};
 }

@@ -95,7 +95,7 @@ class RequestHandler {
 
   // The answer, or nothing if the request is pending. Throws RequestRefused. A stop is never refused:
   // whatever is wrong with it, it stops all arms, and its answer says why. Any other request that acts is
-  // refused, at the last moment before it does, if it has waited for longer than its sender does, since it
+  // refused, at the last moment before it does, if it has waited for longer than its sender waits, since it
   // was sent or has `arrived`, or if it was sent before `not_before`, the end of the program's last stall.
   std::optional<nlohmann::json> begin(const nlohmann::json& request, Pending& pending,
                                       HostTime arrived = host_now(), HostTime not_before = {});

@@ -78,7 +78,7 @@ void make_private_folder(const std::filesystem::path& folder) {
   }
 }
 
-// Without waiting: a frozen run, which accepts nobody, listens as well.
+// Without waiting: a frozen run, which accepts no connection, listens as well.
 bool listens(const std::filesystem::path& path) {
   const sockaddr_un address = address_of(path);
   const int file = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
@@ -186,7 +186,7 @@ int connect_to(const std::filesystem::path& path, int type) {
   const sockaddr_un address = address_of(path);
   const int file = socket(AF_UNIX, type | SOCK_CLOEXEC, 0);
   if (file < 0) return -1;
-  constexpr timeval kPatience{.tv_sec = 2, .tv_usec = 0};  // a frozen run accepts nobody
+  constexpr timeval kPatience{.tv_sec = 2, .tv_usec = 0};  // a frozen run accepts none
   (void)setsockopt(file, SOL_SOCKET, SO_SNDTIMEO, &kPatience, sizeof(kPatience));
   if (connect(file, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) == 0) return file;
   const int reason = errno;

@@ -67,7 +67,7 @@ void check_order(MeasuredLog& log) {
     const double before = kept.empty() ? -1.0 : log.t[kept.back()];
     if (!kept.empty() && log.t[k] < before) {
       throw LogRefused(place(log, k) +
-                       text("time decreases from %.6f to %.6f s, expected each sample later than the "
+                       text("time decreases from %.6f to %.6f s, expected each sample to be later than the "
                             "one before; does the file hold several recordings?",
                             before, log.t[k]));
     }

@@ -85,7 +85,7 @@ std::vector<std::filesystem::path> find_repeats(const std::filesystem::path& pat
 // left out. Adds to log.warnings. Throws LogRefused.
 void check_measured(MeasuredLog& log, double refuse_above_gap_s = 0.1);
 
-// Checks that the log can be of this robot: number of joints, ranges, velocities, torques (n x 1 each; an
+// Checks that the log can come from this robot: number of joints, ranges, velocities, torques (n x 1 each; an
 // empty one is not checked). Adds to log.warnings. Throws LogRefused naming the joint.
 struct RobotRanges {
   std::string robot;

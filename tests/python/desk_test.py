@@ -108,7 +108,7 @@ class Ready(Commands):
                 self.assert_free(server)
                 self.assertEqual(arm.brakes, "Unlocked")
                 said = self.call("lock", server.host)
-                self.assertIn("does not show: see" if kind == "panda" else "is locked", said)
+                self.assertIn("does not report it" if kind == "panda" else "is locked", said)
                 self.assertEqual(arm.brakes, "Locked")
                 self.assert_free(server)
                 self.assertFalse([path for _, path, *_ in arm.requests if "force" in path])
@@ -137,7 +137,7 @@ class Ready(Commands):
         server = self.server("newer")
         server.arm.tells_fci = False
         child = self.start("ready", server.host, "--cleared")
-        self.assertIn("told to activate its FCI, which it does not show", child.stdout.readline())
+        self.assertIn("the FCI was requested, but the arm does not report it", child.stdout.readline())
         self.assertTrue(server.arm.fci)
         child.send_signal(signal.SIGTERM)
         self.end(child, 0)

@@ -136,7 +136,7 @@ export async function until<T>(page: Page, condition: (argument: T) => boolean, 
   }
 }
 
-/** What a page tells about the run, for a test that waited in vain: its messages, and who leads each arm. */
+/** What a page shows of the run, for a test that timed out: its messages, and the owner of each arm. */
 export async function saidBy(page: Page): Promise<string> {
   const messages = await page.locator(".toast p").allTextContents();
   const arms = await page.locator(".arm-card").allTextContents();
@@ -214,7 +214,7 @@ export async function holding(t: TestContext, page: Page, name: string, act: () 
   });
 }
 
-/** Skips a test that came too late in vain if the computer turns out to be too slow to hold a motion. */
+/** Skips a test that failed because the computer is too slow to hold a motion. */
 export async function unlessTooSlow(t: TestContext, page: Page, act: () => Promise<void>): Promise<void> {
   try {
     await act();

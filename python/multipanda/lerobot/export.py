@@ -107,9 +107,9 @@ def _episodes(
     shown = [sorted(frames.pictures) for frames in found]
     if any(names != shown[0] for names in shown):
         raise Nothing(
-            "some logs have pictures of other cameras than others: "
+            "the logs have pictures of different cameras: "
             + "; ".join(sorted({", ".join(names) or "none" for names in shown}))
-            + ": export them apart"
+            + ": export them separately"
         )
     if not found:
         raise Nothing("no episode is left for a data set:\n  " + "\n  ".join(notes))

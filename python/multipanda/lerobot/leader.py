@@ -47,7 +47,7 @@ class ArmsLeader(Connected):
         """Starts the leaders' scene or attaches to it, and makes each leader ready for hand guiding.
 
         Raises:
-            Refused: The scene has other arms, a leader is stopped, in error, or owned by somebody else, or has no
+            Refused: The scene has other arms, a leader is stopped, in error, or owned by another client, or has no
                 gravity_compensation.
             Timeout: The run does not answer.
             Disconnected: No scene runs.

@@ -203,11 +203,11 @@ def drive(
 
     The arms begin where they are; bring them near the task's start before. The policy's first action is checked before
     an arm is switched. Leaving, by an exception too, holds the arms, stops fingers that move if it was an exception,
-    and gives parameters back the values of before.
+    and restores the parameters.
 
     Nothing is sent, to no arm and no gripper, after one of the arms was stopped or held, nor from a state that is older
-    than the shortest `timeout_s` of the inputs. An action that takes longer than its period delays those after it:
-    none is made up for. Only its first call may be slow: then it is called once more.
+    than the shortest `timeout_s` of the inputs. An action that takes longer than its period delays those after it.
+    Only the policy's first call may be slow: then it is called again.
 
     Args:
         run: The run.

@@ -136,7 +136,7 @@ def controllers(data, arms):
     """
     its_own = data["controller_manager"]["ros__parameters"]["multipanda_arms"]
     if len(its_own) != len(arms):
-        raise ValueError(f"controllers_file: is for {len(its_own)} arms ({' '.join(its_own)}), expected {len(arms)}")
+        raise ValueError(f"controllers_file: found {len(its_own)} arms ({' '.join(its_own)}), expected {len(arms)}")
     data = renamed(data, dict(zip(its_own, (a.name for a in arms))))
     manager = data["controller_manager"]["ros__parameters"]
     manager.pop("multipanda_arms")

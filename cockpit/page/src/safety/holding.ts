@@ -26,7 +26,7 @@ export class Holding {
     addEventListener("pagehide", release("the page was left"));
     addEventListener("gamepaddisconnected", release("the gamepad was disconnected"));
     document.addEventListener("freeze", release("the page was frozen"));
-    // While this key is down, macOS reports no release of other keys: they would seem to be held for ever.
+    // While this key is down, macOS reports no release of other keys: they would seem to be held forever.
     addEventListener("keydown", (event) => event.metaKey && this.letGoAll("the command key was pressed"), {
       capture: true,
     });
