@@ -30,7 +30,7 @@ from .errors import Timeout
 from .follow import Events, Records
 from .goal import Goal
 from .parameters import Parameter
-from .state import ArmState, RunState
+from .state import RunState
 from .stream import Stream
 
 T = TypeVar("T")
@@ -138,15 +138,6 @@ class AsyncClient(Awaited):
             raise Timeout(
                 f"the run did not answer '{request.get('do')}' within {timeout_s:g} s", "check whether it still runs"
             ) from None
-
-    async def go_to(self, controllet: str, name: str, values: Any, timeout_s: float = 30, **options: Any) -> ArmState:
-        """Sets a goal and waits for the arrival for timeout_s [s].
-
-        Errors are those of Controllet.goal() and Goal.wait().
-        """
-        goal = await asyncio.to_thread(self.blocking[controllet].goal, name, values, **options)
-        state: ArmState = await asyncio.to_thread(goal.wait, timeout_s)
-        return state
 
     def states(self, rate_hz: float = 10) -> AsyncIterator[RunState]:
         """As Client.states(): `rate_hz` times a second [Hz]."""
