@@ -19,8 +19,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from . import client as _client
-from . import started as _started
+from . import client as _client, started as _started
 from .arm import Arm, Gripper, Vacuum
 from .base_client import Named
 from .connection import Json, accepted
