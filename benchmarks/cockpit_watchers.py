@@ -58,8 +58,7 @@ def main():
                 count = PAGES if turn % 2 else 0
                 arguments = [sys.executable, __file__, options.program, "--watch", address]
                 pages = [subprocess.Popen(arguments, env=os.environ) for _ in range(count)]
-                time.sleep(2)
-                time.sleep(3)
+                time.sleep(5)
                 times[count].append(run.history(3)["total_ns"].ravel() * 1e-3)
                 for page in pages:
                     page.terminate()

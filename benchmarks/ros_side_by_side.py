@@ -19,18 +19,7 @@ import sys
 import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-RATES = (
-    "joint_states",
-    "robot_state",
-    "model",
-    "wrench",
-    "tf",
-    "references",
-    "outputs",
-    "gripper",
-    "object_poses",
-    "clock",
-)
+RATES = "joint_states robot_state model wrench tf references outputs gripper object_poses clock".split()
 
 
 def scene_with_rates(name, folder):
@@ -87,14 +76,7 @@ def run(build, scene, seconds, ros):
         if program.poll() is None:
             program.send_signal(signal.SIGINT)
             program.wait(20)
-    result = json.loads(out)
-    return {
-        "overruns": result["overruns"],
-        "cycles": result["cycles"],
-        "cycle_us": result["cycle_us"],
-        "received": received,
-        "publishing_us": publishing_us,
-    }
+    return {**json.loads(out), "received": received, "publishing_us": publishing_us}
 
 
 def summed_up(runs):
@@ -131,17 +113,8 @@ def main():
         for name in sorted({n for topics in received for n in topics})
     }
     if arguments.json:
-        print(
-            json.dumps(
-                {
-                    "seconds": arguments.seconds,
-                    "without_ros": without,
-                    "with_ros": with_ros,
-                    "rates_hz": per_topic,
-                    "publishing_us": [r["publishing_us"] for r in runs[True]],
-                }
-            )
-        )
+        figures = {"seconds": arguments.seconds, "without_ros": without, "with_ros": with_ros, "rates_hz": per_topic}
+        print(json.dumps(figures | {"publishing_us": [r["publishing_us"] for r in runs[True]]}))
         return
     print(
         f"| {arguments.scene}, {arguments.seconds:g} s, {arguments.repeats} runs each: median (range) "

@@ -44,10 +44,6 @@ def lateness_us(count):
     return late
 
 
-def wait_idle(seconds):
-    time.sleep(seconds)
-
-
 def wait_busy(seconds):
     """Holds the interpreter's lock in a loop of Python."""
     end, count = time.monotonic() + seconds, 0
@@ -89,7 +85,7 @@ def main():
 
         turns = {"idle": [], "busy": []}
         for _ in range(options.turns):
-            for kind, wait in (("idle", wait_idle), ("busy", wait_busy)):
+            for kind, wait in (("idle", time.sleep), ("busy", wait_busy)):
                 turns[kind].append(cycles_us(run, wait, options.seconds))
         print("cycles of the loop while this client sleeps, and while it holds the interpreter's lock [us]")
         for name, share in (("median", 50), ("p99.9", 99.9)):

@@ -136,7 +136,12 @@ PAGES = {
         "Worlds",
         "Simulated worlds in your own process, in the package `multipanda_native`; the guide is"
         " [Worlds in Python](../learning.md#worlds-in-python).",
-        ("multipanda_native.World", "multipanda_native.Batch", "multipanda_native.Arm"),
+        (
+            "multipanda_native.World",
+            "multipanda_native.Batch",
+            "multipanda_native.commands.Commands",
+            "multipanda_native.Arm",
+        ),
     ),
     "errors": Page(
         "Errors",

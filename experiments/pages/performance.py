@@ -2,8 +2,7 @@
 
 import pathlib
 
-from experiments.pages import frame, in_manager, performance_plots
-from experiments.pages import performance_metrics as metrics
+from experiments.pages import frame, in_manager, performance_metrics as metrics, performance_plots
 from experiments.pages.performance_metrics import Trace
 from report import page, style
 from report.series import spread

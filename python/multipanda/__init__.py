@@ -31,8 +31,9 @@ class _Package(types.ModuleType):
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
         if name not in self._FUNCTIONS and util.find_spec(f"{self.__name__}.{name}"):
             return import_module(f"{self.__name__}.{name}")
-        names = import_module(f"{self.__name__}._names")
-        vars(self).update({each: getattr(names, each) for each in ("__all__", *names.__all__)})
+        names = vars(import_module(f"{self.__name__}._names"))
+        vars(self).update({each: value for each, value in names.items() if not each.startswith("_")})
+        vars(self)["__all__"] = ["__version__", *(each for each in names if not each.startswith("_"))]
         if name not in vars(self):
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
         return vars(self)[name]

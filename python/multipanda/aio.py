@@ -19,8 +19,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from . import client as _client
-from . import started as _started
+from . import client as _client, started as _started
 from .arm import Arm, Gripper, Vacuum
 from .base_client import Named
 from .connection import Json, accepted
@@ -30,7 +29,7 @@ from .errors import Timeout
 from .follow import Events, Records
 from .goal import Goal
 from .parameters import Parameter
-from .state import ArmState, RunState
+from .state import RunState
 from .stream import Stream
 
 T = TypeVar("T")
@@ -138,15 +137,6 @@ class AsyncClient(Awaited):
             raise Timeout(
                 f"the run did not answer '{request.get('do')}' within {timeout_s:g} s", "check whether it still runs"
             ) from None
-
-    async def go_to(self, controllet: str, name: str, values: Any, timeout_s: float = 30, **options: Any) -> ArmState:
-        """Sets a goal and waits for the arrival for timeout_s [s].
-
-        Errors are those of Controllet.goal() and Goal.wait().
-        """
-        goal = await asyncio.to_thread(self.blocking[controllet].goal, name, values, **options)
-        state: ArmState = await asyncio.to_thread(goal.wait, timeout_s)
-        return state
 
     def states(self, rate_hz: float = 10) -> AsyncIterator[RunState]:
         """As Client.states(): `rate_hz` times a second [Hz]."""

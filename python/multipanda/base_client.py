@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import os
 import pathlib
-import queue
 import threading
 import time
 import warnings
@@ -47,13 +47,6 @@ class Named(dict[str, T]):
         near = difflib.get_close_matches(name, self, 1)
         meant = f"; did you mean '{near[0]}'?" if near else ""
         raise KeyError(f"the scene has no {self.kind} '{name}'{meant}; it has: {', '.join(self) or 'none'}")
-
-
-def _stands_still(since_s: float) -> Timeout:
-    return Timeout(
-        f"the run has made no cycle for {since_s:.1f} s",
-        "a law that does not return, or a busy computer: see its messages; arms without commands stop themselves",
-    )
 
 
 def _names(names: Names) -> list[str]:
@@ -230,12 +223,6 @@ class BaseClient:
         record = self._fresh(None)
         return self._asked_state() if record is None else record.state(self.shared().rate_hz())
 
-    def _aged(self, answer: Json) -> Json:
-        """The state in an answer, with its transit time."""
-        data: Json = answer["state"]
-        way_s = 1e-9 * (time.monotonic_ns() - self.connection.answered_ns(answer))
-        return {**data, "since_cycle_s": data["since_cycle_s"] + max(0.0, way_s)}
-
     def _asked_state(self) -> RunState:
         now = time.monotonic()
         deadline, soon = now + _FIRST_CYCLE_S, now + _CATCH_UP_S
@@ -244,9 +231,14 @@ class BaseClient:
             data = answer["state"]
             current = data["since_cycle_s"] <= _OLD_S
             if data["arms"] and current and (data["cycle"] >= self._answered or time.monotonic() > soon):
-                return run_state(self._aged(answer))
+                way_s = 1e-9 * (time.monotonic_ns() - self.connection.answered_ns(answer))
+                return run_state({**data, "since_cycle_s": data["since_cycle_s"] + max(0.0, way_s)})
             if data["arms"] and not current and time.monotonic() > soon:
-                raise _stands_still(data["since_cycle_s"])
+                raise Timeout(
+                    f"the run has made no cycle for {data['since_cycle_s']:.1f} s",
+                    "a law that does not return, or a busy computer: see its messages; arms without commands stop "
+                    "themselves",
+                )
             if not data["arms"] and time.monotonic() > deadline:
                 raise Timeout(f"the run made no cycle within {_FIRST_CYCLE_S} s", "see its messages")
             time.sleep(0.001)
@@ -299,24 +291,19 @@ class BaseClient:
         self.ask({"do": "resume", "arms": _names(arms), "stops": stops})
 
     def states(self, rate_hz: float = 10) -> Iterator[RunState]:
-        """The state, `rate_hz` times a second of wall time [Hz], until the run ends or the loop is left.
+        """state(), `rate_hz` times a second of wall time [Hz], until the run ends or the loop is left.
 
         Raises:
             Timeout: The run's loop has stalled for 1 s.
+            Disconnected: This process was forked, or the run has ended before.
         """
-        lines: queue.SimpleQueue[Json | None] = queue.SimpleQueue()
-        # A connection has one subscription, so this uses a separate connection.
-        own = self.connection.again()
-        own.on_end(lambda: lines.put(None))
-        try:
-            own.ask_subscription(rate_hz, lines.put)
-            while (line := lines.get()) is not None:
-                if line["state"]["arms"]:
-                    if line["state"]["since_cycle_s"] > _CATCH_UP_S:
-                        raise _stands_still(line["state"]["since_cycle_s"])
-                    yield run_state(self._aged(line))
-        finally:
-            own.close()
+        self.connection.check()
+        due = time.monotonic()
+        with contextlib.suppress(Disconnected):
+            while True:
+                yield self.state()
+                due = max(due + 1 / rate_hz, time.monotonic())
+                time.sleep(max(0.0, due - time.monotonic()))
 
     def events(self) -> Events:
         """Events from now on, until the run ends: switches, errors, contacts, interventions, stops, grasps.

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .base_client import BaseClient
+from .closing import Closing
 from .connection import Json
 from .errors import Error, Refused, Timeout
 from .record import Record
@@ -292,7 +293,7 @@ class _Feed:
         self._thread.join(_END_S)
 
 
-class Cameras(Mapping[str, Picture]):
+class Cameras(Mapping[str, Picture], Closing):
     """The newest pictures of a run's cameras: `cameras["top"]` with its age and fault, `cameras.paired("top")`.
 
     with mp.run("two_arms") as run, mp.Cameras(run, {"top": mp.SceneCamera([1, 0, 1], look_at_m=[0.5, 0, 0])}) as see:
@@ -434,9 +435,3 @@ class Cameras(Mapping[str, Picture]):
             log, self._log = self._log, None
         if log is not None:
             log.close()
-
-    def __enter__(self) -> Cameras:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -12,8 +12,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from concurrent.futures import TimeoutError as FutureTimeout
+from concurrent.futures import Future, ThreadPoolExecutor, TimeoutError as FutureTimeout
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -170,11 +169,10 @@ class Connection:
         self._waiting: dict[int, tuple[Future[Json], int]] = {}  # and when it was sent
         # The run's clock minus ours, from its answers: 0 on one computer. None: not known.
         self._ahead_ns: int | None = None
-        self._listeners: dict[tuple[str, int], Callable[[Json], None]] = {}
+        self._listeners: dict[int, Callable[[Json], None]] = {}  # of channels
         self._lock = threading.Lock()  # protects both tables
         self._sending = threading.Lock()
         self._ended: str | None = None
-        self._on_end: Callable[[], None] | None = None
         self.process = os.getpid()
         self._thread = threading.Thread(target=self._receive, name="multipanda answers", daemon=True)
         self._thread.start()
@@ -184,11 +182,8 @@ class Connection:
         with self._lock:
             self._ended = self._ended or why
             waiting, self._waiting = self._waiting, {}
-            on_end, self._on_end = self._on_end, None
         for future, _ in waiting.values():
             future.set_exception(self._gone())
-        if on_end is not None:
-            on_end()
 
     def _why(self) -> str:
         return (self.link.lost if self.link is not None else "") or "the run has ended"
@@ -207,13 +202,12 @@ class Connection:
         self._end(self._why())
 
     def _take(self, answer: Json) -> None:
-        for kind in ("subscription", "channel"):
-            if kind in answer and "ok" not in answer:
-                with self._lock:
-                    listener = self._listeners.get((kind, answer[kind]))
-                if listener is not None:
-                    listener(answer)
-                return
+        if "channel" in answer and "ok" not in answer:
+            with self._lock:
+                listener = self._listeners.get(answer["channel"])
+            if listener is not None:
+                listener(answer)
+            return
         if answer.get("verdict") == "too_many_clients":
             self._end(str(answer["reason"]))
         with self._lock:
@@ -235,39 +229,21 @@ class Connection:
         if self._ended is not None:
             raise self._gone()
 
-    def listen(self, kind: str, number: int, listener: Callable[[Json], None]) -> None:
-        """Calls `listener` with each line of a subscription or a channel, on the thread of the answers."""
+    def listen(self, channel: int, listener: Callable[[Json], None]) -> None:
+        """Calls `listener` with each line of a channel, on the thread of the answers."""
         with self._lock:
-            self._listeners[kind, number] = listener
+            self._listeners[channel] = listener
 
-    def on_end(self, listener: Callable[[], None]) -> None:
-        """Calls `listener` once when the connection ends, at once if it has."""
-        with self._lock:
-            if self._ended is None:
-                self._on_end = listener
-                return
-        listener()
-
-    def ask_subscription(self, rate_hz: float, listener: Callable[[Json], None]) -> None:
-        """Subscribes to the state: calls `listener` with each line, on the thread of the answers."""
-        future = self.post(
-            {"do": "subscribe", "rate_hz": rate_hz}, lambda number: self.listen("subscription", number, listener)
-        )
-        accepted(future.result(30))
-
-    def forget(self, kind: str, number: int) -> None:
+    def forget(self, channel: int) -> None:
         """Ends listen()."""
         with self._lock:
-            self._listeners.pop((kind, number), None)
+            self._listeners.pop(channel, None)
 
-    def post(
-        self, request: Json, on_id: Callable[[int], None] | None = None, patience_s: float | None = None
-    ) -> Future[Json]:
+    def post(self, request: Json, patience_s: float | None = None) -> Future[Json]:
         """Sends a request. The future has the answer, refused or not.
 
         Args:
             request: The request, without an `id`.
-            on_id: Called with its number before it is sent.
             patience_s: How long the sender waits for the answer [s]; the run does not begin the request later.
         """
         self.check()
@@ -277,8 +253,6 @@ class Connection:
             request = {"asked_ns": sent + ahead_ns, "patience_s": patience_s, **request}
         future: Future[Json] = Future()
         number = next(self._ids)
-        if on_id is not None:
-            on_id(number)
         with self._lock:
             if self._ended is not None:
                 raise self._gone()
@@ -307,10 +281,6 @@ class Connection:
                 "see whether it still runs: multipanda ctl state",
             ) from None
         return accepted(answer)
-
-    def again(self) -> Connection:
-        """Another connection to the same run."""
-        return Connection(self.path, self.link)
 
     def samples(self, timeout_s: float) -> socket.socket:
         """A socket for packets of streams. Raises OSError if there is none.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from .closing import Closing
 from .record import Record
 from .shared import SharedRecords
 
@@ -36,7 +37,7 @@ class Event:
     cycle: int = 0
 
 
-class _Follower(ABC, Iterator[T], Generic[T]):
+class _Follower(Closing, Iterator[T], Generic[T]):
     """Reads slot by slot. `lost` counts the slots overwritten before they were read."""
 
     def __init__(self, shared: SharedRecords, capacity: int) -> None:
@@ -84,9 +85,6 @@ class _Follower(ABC, Iterator[T], Generic[T]):
         """Ends the iteration, from any thread."""
         self._closed.set()
 
-    def __exit__(self, *left: object) -> None:
-        self.close()
-
 
 class Records(_Follower[Record]):
     """Every record from now on, until the run ends; `lost` counts the cycles that are missing between them."""
@@ -94,9 +92,6 @@ class Records(_Follower[Record]):
     def __init__(self, shared: SharedRecords) -> None:
         super().__init__(shared, shared.capacity)
         self._cycle: int | None = None
-
-    def __enter__(self) -> Records:
-        return self
 
     def _written(self) -> int:
         return self._shared.written
@@ -119,9 +114,6 @@ class Events(_Follower[Event]):
     def __init__(self, shared: SharedRecords) -> None:
         super().__init__(shared, shared.event_capacity)
         self._lost_by_loop = shared.lost_by_loop[1]
-
-    def __enter__(self) -> Events:
-        return self
 
     def _written(self) -> int:
         return self._shared.events_written

@@ -10,6 +10,7 @@ import struct
 from collections.abc import Callable, Mapping
 
 from .client import Client
+from .closing import Closing
 from .episode import Episode
 from .errors import Disconnected, Error, Refused
 
@@ -22,7 +23,7 @@ KEYS = {30: "start", 48: "failure", 46: "discard"}  # A, B, C: what pedals send 
 _KEYBOARD = (1, 29, 97)  # Esc, Ctrl: a keyboard that was taken for a pedal cannot interrupt its program any more
 
 
-class Pedal:
+class Pedal(Closing):
     """A pedal with one switch or several: `with Pedal("/dev/input/by-id/usb-...-event-kbd") as pedal: pedal.read()`.
 
     Attributes:
@@ -90,12 +91,6 @@ class Pedal:
         """Closes the device."""
         with contextlib.suppress(OSError):
             os.close(self._file)
-
-    def __enter__(self) -> Pedal:
-        return self
-
-    def __exit__(self, *left: object) -> None:
-        self.close()
 
 
 class Marks:

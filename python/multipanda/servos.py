@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from .closing import Closing
 from .errors import Disconnected, Error, Refused
 from .rotations import Array
 
@@ -37,7 +38,7 @@ class _NoAnswer(Exception):
     """No valid answer."""
 
 
-class ServoChain:
+class ServoChain(Closing):
     """Servos on one serial port, without torque.
 
     Attributes:
@@ -210,12 +211,6 @@ class ServoChain:
             with contextlib.suppress(OSError, termios.error):
                 self._port.closePort()
 
-    def __enter__(self) -> ServoChain:
-        return self
-
-    def __exit__(self, *left: object) -> None:
-        self.close()
-
 
 def find_servos(port: str | os.PathLike[str]) -> tuple[int, list[int]]:
     """The baud rate [bit/s] and the numbers of the servos on a port. Raises Disconnected if there are none."""
@@ -325,7 +320,7 @@ class Angles:
         return angles
 
 
-class LeaderArm:
+class LeaderArm(Closing):
     """A leader arm whose joints are read: `with LeaderArm("left.json") as leader: q_rad, squeezed = leader.read()`.
 
     Attributes:
@@ -375,9 +370,3 @@ class LeaderArm:
     def close(self) -> None:
         """Closes its port."""
         self._chain.close()
-
-    def __enter__(self) -> LeaderArm:
-        return self
-
-    def __exit__(self, *left: object) -> None:
-        self.close()

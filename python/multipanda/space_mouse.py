@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from .closing import Closing
 from .controllet import Controllet
 from .errors import Disconnected, Refused
 from .jog import JogLimits, axes_rotation, jogged, shaped
@@ -105,7 +106,7 @@ class Grip:
         return pressed
 
 
-class SpaceMouse:
+class SpaceMouse(Closing):
     """A 3Dconnexion SpaceMouse: `with mp.SpaceMouse() as mouse: mouse.jog(run["cartesian"])`.
 
     Its left button is the one to hold while the hand moves, the other one stops the arms.
@@ -228,12 +229,6 @@ class SpaceMouse:
         if self._open:
             self._open = False
             os.close(self._file)
-
-    def __enter__(self) -> SpaceMouse:
-        return self
-
-    def __exit__(self, *left: object) -> None:
-        self.close()
 
 
 def _axes(data: bytes) -> Array:

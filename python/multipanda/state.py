@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -122,44 +122,22 @@ def _quantities(data: dict[str, Any]) -> dict[str, Array]:
 
 
 def _arm_state(data: dict[str, Any], t_s: float) -> ArmState:
-    def array(key: str) -> Array:
-        return np.array(data[key], dtype=np.float64)
-
+    named = {each.name: data[each.name] for each in fields(ArmState) if each.name in data}
+    arrays = {name: np.array(value, dtype=np.float64) for name, value in named.items() if isinstance(value, list)}
     gripper = data.get("gripper")
-    return ArmState(
-        arm=data["arm"],
-        t_s=t_s,
-        controllet=data["controllet"],
-        mode=data["mode"],
-        stopped=data["stopped"],
-        q_rad=array("q_rad"),
-        dq_rad_per_s=array("dq_rad_per_s"),
-        tau_J_nm=array("tau_J_nm"),
-        tau_cmd_nm=array("tau_cmd_nm"),
-        pose=Pose.measured(array("position_m"), array("quaternion_wxyz")),
-        wrench_n_nm=array("wrench_n_nm") if "wrench_n_nm" in data else None,
-        age_s=data["age_s"],
-        errors=tuple(data["error_names"]),
-        reason=data.get("reason", ""),
-        interventions=data["interventions"],
-        last_intervention=data["last_intervention"],
-        removed_by=data["removed_by"],
-        gripper=GripperState(*(gripper[key] for key in ("width_m", "max_width_m", "grasped", "moving")))
+    made: dict[str, Any] = {
+        **{"wrench_n_nm": None, "reason": "", **named, **arrays, "t_s": t_s},
+        "pose": Pose.measured(*(np.array(data[key], dtype=np.float64) for key in ("position_m", "quaternion_wxyz"))),
+        "errors": tuple(data["error_names"]),
+        "gripper": GripperState(**{each.name: gripper[each.name] for each in fields(GripperState)})
         if gripper
         else None,
-        quantities=_quantities(data),
-    )
+        "quantities": _quantities(data),
+    }
+    return ArmState(**made)
 
 
 def run_state(data: dict[str, Any]) -> RunState:
     """From the answer to the request `state`."""
-    return RunState(
-        scene=data["scene"],
-        cycle=data["cycle"],
-        t_s=data["t_s"],
-        since_cycle_s=data["since_cycle_s"],
-        rate_hz=data["rate_hz"],
-        cycle_us=data["cycle_us"],
-        overruns=data["overruns"],
-        arms={arm["arm"]: _arm_state(arm, data["t_s"]) for arm in data["arms"]},
-    )
+    named = {each.name: data[each.name] for each in fields(RunState)}
+    return RunState(**{**named, "arms": {arm["arm"]: _arm_state(arm, data["t_s"]) for arm in data["arms"]}})

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .closing import Closing
 from .errors import Disconnected, Error, Refused
 from .instance import Instance
 from .pose import Pose
@@ -31,7 +32,7 @@ def target_values(quantity: str, values: Any, count: int) -> list[float]:
     return [float(x) for x in array]
 
 
-class Stream:
+class Stream(Closing):
     """A stream to one input of an active controllet, as a context manager.
 
     Leaving it, by an exception too, holds the arms at once, unless a goal followed the last sample. If this process
@@ -62,13 +63,13 @@ class Stream:
         self.channel: int = answer["channel"]
         self.longest_chunk: int = answer["longest_chunk"]
         self._verdict = "accepted"
-        self._connection.listen("channel", self.channel, self._hear)
+        self._connection.listen(self.channel, self._hear)
         self._socket: socket.socket | None = None
         self._process = os.getpid()
         try:
             self._socket = self._connection.samples(self.timeout_s)
         except OSError as wrong:
-            self._connection.forget("channel", self.channel)
+            self._connection.forget(self.channel)
             self._connection.ask({"do": "stream_end", "channel": self.channel}, 5)  # raises if the run has ended
             raise Refused(
                 "not_local",
@@ -198,14 +199,8 @@ class Stream:
             client.take_arms_from([self.controllet.name])
         self._socket.close()
         self._socket = None
-        self._connection.forget("channel", self.channel)
+        self._connection.forget(self.channel)
         try:
             self._connection.ask({"do": "stream_end", "channel": self.channel}, 5)
         except (Disconnected, Refused, TimeoutError):
             pass  # the run has ended, and with it the channel
-
-    def __enter__(self) -> Stream:
-        return self
-
-    def __exit__(self, *left: object) -> None:
-        self.close()

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._core import core
 from ._views import Arm, Array, arms_of, objects_of, start_of
+from .commands import Commands, Mask
 
-Mask = NDArray[np.bool_]
 
-
-class Batch:
+class Batch(Commands):
     """Worlds of one scene, stepped together on threads while Python's lock is released.
 
     World k with a seed equals, bit for bit, the `World` of that seed, with any number of threads. Every method takes
@@ -102,85 +101,12 @@ class Batch:
             raise ValueError(f"expected {len(self)} rows, found an array of shape {rows.shape}")
         return rows
 
+    def _send(self, request: dict[str, Any], rows: dict[str, Array], mask: Mask | None) -> None:
+        self._batch.command(self._chosen(mask), json.dumps(request), rows)
+
     def step(self, cycles: int, mask: Mask | None = None) -> None:
         """Runs loops for a number of cycles of 1 ms."""
         self._batch.step(self._chosen(mask), cycles)
-
-    # --- commands: from the next cycle on; a row of values per world ---
-
-    def _command(
-        self, request: str, mask: Mask | None, numbers: Mapping[str, ArrayLike] | None = None, **fields: Any
-    ) -> None:
-        rows = {key: self._rows(of) for key, of in (numbers or {}).items()}
-        self._batch.command(self._chosen(mask), json.dumps({"do": request, **fields}), rows)
-
-    def target(self, controllet: str, input_name: str, values: ArrayLike, mask: Mask | None = None) -> None:
-        """A sample of a stream of set-points; see `World.target`."""
-        self._command("reference", mask, {"values": values}, controllet=controllet, input=input_name, stream=True)
-
-    def goal(
-        self, controllet: str, input_name: str, values: ArrayLike, duration_s: float = 0, mask: Mask | None = None
-    ) -> None:
-        """A set-point that is approached smoothly and stays; see `World.goal`."""
-        fields = {"controllet": controllet, "input": input_name, "duration_s": float(duration_s)}
-        self._command("reference", mask, {"values": values}, **fields)
-
-    def parameter(self, controllet: str, name: str, values: ArrayLike | str, mask: Mask | None = None) -> None:
-        """A parameter's new value; see `World.parameter`."""
-        if isinstance(values, str):
-            self._command("parameter", mask, controllet=controllet, name=name, value=values)
-        else:
-            self._command("parameter", mask, {"value": values}, controllet=controllet, name=name)
-
-    def switch(
-        self,
-        activate: Sequence[str] = (),
-        deactivate: Sequence[str] = (),
-        *,
-        only: bool = False,
-        mask: Mask | None = None,
-    ) -> None:
-        """Switches controllets between two cycles; see `World.switch`."""
-        self._command("switch", mask, activate=list(activate), deactivate=list(deactivate), only=only)
-
-    def feature(self, controllet: str, feature: str, on: bool, mask: Mask | None = None) -> None:
-        """Turns a feature of a controllet on or off."""
-        self._command("feature", mask, controllet=controllet, name=feature, on=bool(on))
-
-    def gripper_move(self, arm: str, width_m: ArrayLike, mask: Mask | None = None, speed_m_per_s: float = 0.1) -> None:
-        """Moves fingers to a width per world [m]."""
-        width = np.asarray(width_m, dtype=np.float64).reshape(-1, 1)
-        fields = {"arm": arm, "action": "move", "speed_m_per_s": float(speed_m_per_s)}
-        self._command("gripper", mask, {"width_m": width}, **fields)
-
-    def gripper_grasp(
-        self,
-        arm: str,
-        width_m: ArrayLike,
-        force_n: ArrayLike,
-        mask: Mask | None = None,
-        speed_m_per_s: float = 0.1,
-        tolerance_m: float = 0.005,
-    ) -> None:
-        """Grasps something of about this width [m] with a force [N], per world."""
-        width = np.asarray(width_m, dtype=np.float64).reshape(-1, 1)
-        force = np.asarray(force_n, dtype=np.float64).reshape(-1, 1)
-        fields = {
-            "arm": arm,
-            "action": "grasp",
-            "speed_m_per_s": float(speed_m_per_s),
-            "tolerance_m": float(tolerance_m),
-        }
-        self._command("gripper", mask, {"width_m": width, "force_n": force}, **fields)
-
-    def user_stop(self, arm: str, pressed: bool = True, mask: Mask | None = None) -> None:
-        """Presses or releases the stop button of an arm."""
-        self._command("user_stop", mask, arm=arm, pressed=bool(pressed))
-
-    def place(self, name: str, poses: ArrayLike, mask: Mask | None = None) -> None:
-        """Puts a free object somewhere, at rest: x y z [m], qw qx qy qz per world."""
-        rows = self._rows(poses)
-        self._command("place_object", mask, {"position_m": rows[:, :3], "quaternion_wxyz": rows[:, 3:]}, object=name)
 
     # --- results ---
 

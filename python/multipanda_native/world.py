@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike
 
 from ._core import core
 from ._views import Arm, Array, arms_of, objects_of, start_of
+from .commands import Commands, Mask
 
 _ALONE = np.ones(1, dtype=np.uint8)
 
 
-class World:
+class World(Commands):
     """A simulated world of a scene with its control loop. It is at rest until `step`.
 
     By default it does the same as `multipanda run`: the same controllets, the same timeline, and with the same seed the
@@ -118,124 +119,34 @@ class World:
 
     # --- commands: from the next cycle on ---
 
-    def _tell(self, request: str, numbers: Mapping[str, ArrayLike] | None = None, **fields: Any) -> None:
-        rows = {key: np.ascontiguousarray(of, dtype=np.float64).reshape(1, -1) for key, of in (numbers or {}).items()}
+    def _rows(self, values: ArrayLike) -> Array:
+        return np.ascontiguousarray(values, dtype=np.float64).reshape(1, -1)
+
+    def _send(self, request: dict[str, Any], rows: dict[str, Array], mask: Mask | None) -> None:
         try:
-            self._batch.tell(json.dumps({"do": request, **fields}), rows)
+            self._batch.tell(json.dumps(request), rows)
         except core.RequestRefused as refused:
             raise Refused("refused", str(refused)) from None
 
-    def target(self, controllet: str, input_name: str, values: ArrayLike) -> None:
-        """A sample of a stream of set-points, as `multipanda.Stream` sends them: smoothed and bounded on the way.
-
-        Args:
-            controllet: The controllet's name; it must be active.
-            input_name: One of its inputs.
-            values: What the input takes, in SI units and world axes (docs/live_input.md).
-
-        Raises:
-            ValueError: An unknown name, or a wrong size.
-            Refused: The controllet is not active, or a value is not finite or out of reach.
-        """
-        self._tell("reference", {"values": values}, controllet=controllet, input=input_name, stream=True)
-
-    def goal(self, controllet: str, input_name: str, values: ArrayLike, duration_s: float = 0) -> None:
-        """A set-point that is approached smoothly and stays.
-
-        Args:
-            controllet: The controllet's name; it must be active.
-            input_name: One of its inputs.
-            values: As for `target`.
-            duration_s: Time to reach it; longer if limits of speed require it [s].
-
-        Raises:
-            ValueError: An unknown name, or a wrong size.
-            Refused: As for `target`.
-        """
-        numbers = {"values": values, "duration_s": duration_s}
-        self._tell("reference", numbers, controllet=controllet, input=input_name)
-
-    def parameter(self, controllet: str, name: str, values: ArrayLike | str) -> None:
-        """A parameter's new value, in the unit that its name or description has; it is reached within 0.2 s.
-
-        Args:
-            controllet: The controllet's name.
-            name: The parameter; of a feature `feature.name`.
-            values: Its numbers, one for all of them, or the name of a choice.
-
-        Raises:
-            ValueError: An unknown name, or a wrong size.
-            Refused: Out of its bounds.
-        """
-        if isinstance(values, str):
-            self._tell("parameter", controllet=controllet, name=name, value=values)
-        else:
-            self._tell("parameter", {"value": values}, controllet=controllet, name=name)
-
-    def switch(self, activate: Sequence[str] = (), deactivate: Sequence[str] = (), *, only: bool = False) -> None:
-        """Switches controllets between two cycles: all of it, or nothing.
-
-        Args:
-            activate: Controllets to start; other owners of their arms stop.
-            deactivate: Controllets to stop; arms without an owner are held.
-            only: Whether all others stop, too.
-
-        Raises:
-            ValueError: An unknown name.
-            Refused: Two of them own one arm, or an arm is stopped.
-        """
-        self._tell("switch", activate=list(activate), deactivate=list(deactivate), only=only)
-
-    def feature(self, controllet: str, feature: str, on: bool) -> None:
-        """Turns a feature of a controllet on or off.
-
-        Raises:
-            ValueError: An unknown name.
-            Refused: The feature cannot start.
-        """
-        self._tell("feature", controllet=controllet, name=feature, on=bool(on))
-
     def stop(self, *arms: str) -> None:
         """Holds these arms from the next cycle on, until `resume`; without names all."""
-        self._tell("stop", arms=arms or "all")
+        self._tell("stop", None, arms=arms or "all")
 
     def resume(self, *arms: str) -> None:
         """Ends a stop; the arms stay in hold until a controllet is activated. Without names all."""
-        self._tell("resume", arms=arms or "all")
-
-    def user_stop(self, arm: str, pressed: bool = True) -> None:
-        """Presses or releases the stop button of an arm."""
-        self._tell("user_stop", arm=arm, pressed=bool(pressed))
+        self._tell("resume", None, arms=arms or "all")
 
     def recover(self, arm: str) -> None:
         """Clears an arm's error; it stays in hold."""
-        self._tell("recover", arm=arm)
-
-    def gripper_move(self, arm: str, width_m: float, speed_m_per_s: float = 0.1) -> None:
-        """Moves the fingers to a width [m]. `gripper_answer` returns the result."""
-        numbers = {"width_m": width_m, "speed_m_per_s": speed_m_per_s}
-        self._tell("gripper", numbers, arm=arm, action="move")
-
-    def gripper_grasp(
-        self, arm: str, width_m: float, force_n: float, speed_m_per_s: float = 0.1, tolerance_m: float = 0.005
-    ) -> None:
-        """Grasps something of about this width [m] with a force [N]."""
-        numbers = {"width_m": width_m, "speed_m_per_s": speed_m_per_s, "force_n": force_n, "tolerance_m": tolerance_m}
-        self._tell("gripper", numbers, arm=arm, action="grasp")
+        self._tell("recover", None, arm=arm)
 
     def gripper_answer(self, arm: str) -> str:
         """How the arm's newest gripper motion ended: `done`, or why it failed; empty while it moves."""
         return str(self._batch.gripper_answer(0, arm))
 
-    def place(self, name: str, pose: ArrayLike) -> None:
-        """Puts a free object somewhere, at rest: x y z [m], qw qx qy qz. Refused in the next step where it would
-        penetrate another."""
-        numbers = np.asarray(pose, dtype=np.float64)
-        self._tell("place_object", {"position_m": numbers[:3], "quaternion_wxyz": numbers[3:]}, object=name)
-
     def push(self, name: str, force_n: ArrayLike, duration_s: float = 0.2) -> None:
         """Pushes a free object at its center of mass with a force in world axes [N] for a time [s]."""
-        self._tell("push_object", {"force_n": force_n, "duration_s": duration_s}, object=name)
+        self._tell("push_object", None, {"force_n": force_n, "duration_s": duration_s}, object=name)
 
     # --- save and restore ---
 

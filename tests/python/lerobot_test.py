@@ -18,8 +18,14 @@ import multipanda as mp
 import numpy as np
 from harness import PATIENCE, ROOT, until
 from lerobot_scenes import TIMEOUT_S, edited, two_arms
-from multipanda.lerobot import ArmsLeader, ArmsRobot, LeaderSettings, RobotSettings, SpaceMouseLeader
-from multipanda.lerobot import SpaceMouseSettings as MouseSettings
+from multipanda.lerobot import (
+    ArmsLeader,
+    ArmsRobot,
+    LeaderSettings,
+    RobotSettings,
+    SpaceMouseLeader,
+    SpaceMouseSettings as MouseSettings,
+)
 from multipanda.lerobot.fingers import Fingers as OneHand
 from multipanda.lerobot.names import SteadySigns, quantity_names
 from space_mouse_device import Device

@@ -23,8 +23,8 @@ from multipanda.tasks import (
     PosePart,
     ScalarPart,
     WrenchPart,
+    drive as driving,
 )
-from multipanda.tasks import drive as driving
 from poses import homogeneous, random_pose, rodrigues
 
 

@@ -120,7 +120,8 @@ class Asyncio(unittest.TestCase):
 
                 counter = asyncio.ensure_future(count())
                 pose = (await run.state()).arms["arm"].pose
-                at_goal = await run.go_to("cartesian", "pose", pose.moved(z=0.02), PATIENCE, duration_s=0.3)
+                goal = await run["cartesian"].goal("pose", pose.moved(z=0.02), duration_s=0.3)
+                at_goal = await goal.wait(PATIENCE)
                 counter.cancel()
                 self.assertGreater(turns, 10)
                 self.assertLess(abs(at_goal.pose.position_m[2] - pose.position_m[2] - 0.02), 0.01)

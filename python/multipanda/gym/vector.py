@@ -16,8 +16,7 @@ from ..rotations import Array
 from ..scene_camera import SceneCamera
 from ..tasks.actions import LEAD_STEPS
 from ..tasks.task import Numbers, Start, Task
-from .pixels import STATE, Pixels
-from .pixels import spaces_of as picture_spaces
+from .pixels import STATE, Pixels, spaces_of as picture_spaces
 from .worlds import Worlds
 
 Mask = NDArray[np.bool_]

@@ -69,9 +69,9 @@ class Worlds:
             told[news] = numbers[news]
             grasps = news & (numbers[:, 1] > 0)
             if grasps.any():
-                self.batch.gripper_grasp(arm, numbers[:, 0], numbers[:, 1], grasps)
+                self.batch.gripper_grasp(arm, numbers[:, 0], numbers[:, 1], mask=grasps)
             if (news & ~grasps).any():
-                self.batch.gripper_move(arm, numbers[:, 0], news & ~grasps)
+                self.batch.gripper_move(arm, numbers[:, 0], mask=news & ~grasps)
 
     def step(self, cycles: int, mask: Mask) -> None:
         """Runs the loops of the mask's worlds for a number of cycles, on threads; Python's lock is released."""

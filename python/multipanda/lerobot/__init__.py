@@ -2,23 +2,13 @@
 sets. It needs neither LeRobot nor PyTorch (docs/lerobot.md).
 """
 
-from .leader import ArmsLeader, ServoLeader, SpaceMouseLeader
-from .names import ACTIONS, OBSERVED, action_names, state_names
-from .robot import ArmsRobot
-from .settings import LeaderSettings, RobotSettings, RunSettings, ServoLeaderSettings, SpaceMouseSettings
-
-__all__ = [
-    "ACTIONS",
-    "OBSERVED",
-    "ArmsLeader",
-    "ArmsRobot",
-    "LeaderSettings",
-    "RobotSettings",
-    "RunSettings",
-    "ServoLeader",
-    "ServoLeaderSettings",
-    "SpaceMouseLeader",
-    "SpaceMouseSettings",
-    "action_names",
-    "state_names",
-]
+from .leader import ArmsLeader as ArmsLeader, ServoLeader as ServoLeader, SpaceMouseLeader as SpaceMouseLeader
+from .names import ACTIONS as ACTIONS, OBSERVED as OBSERVED, action_names as action_names, state_names as state_names
+from .robot import ArmsRobot as ArmsRobot
+from .settings import (
+    LeaderSettings as LeaderSettings,
+    RobotSettings as RobotSettings,
+    RunSettings as RunSettings,
+    ServoLeaderSettings as ServoLeaderSettings,
+    SpaceMouseSettings as SpaceMouseSettings,
+)

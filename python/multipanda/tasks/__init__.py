@@ -4,46 +4,22 @@ With them the same policy drives simulated, virtual and real arms (docs/learning
 """
 
 from .actions import (
-    ActionMapping,
-    Command,
-    GripperPart,
-    JointsPart,
-    ParameterPart,
-    PosePart,
-    Quantity,
-    ScalarPart,
-    WrenchPart,
+    ActionMapping as ActionMapping,
+    Command as Command,
+    GripperPart as GripperPart,
+    JointsPart as JointsPart,
+    ParameterPart as ParameterPart,
+    PosePart as PosePart,
+    Quantity as Quantity,
+    ScalarPart as ScalarPart,
+    WrenchPart as WrenchPart,
 )
-from .arms import ArmStates
-from .handover import Handover
-from .insert import Insert
-from .lift_box import LiftBox
-from .press_circle import PressCircle
-from .reach import Reach
-from .task import Judgment, Start, Task, TaskArm, Truth
+from .arms import ArmStates as ArmStates
+from .handover import Handover as Handover
+from .insert import Insert as Insert
+from .lift_box import LiftBox as LiftBox
+from .press_circle import PressCircle as PressCircle
+from .reach import Reach as Reach
+from .task import Judgment as Judgment, Start as Start, Task as Task, TaskArm as TaskArm, Truth as Truth
 
 TASKS: dict[str, type[Task]] = {task.name: task for task in (Reach, PressCircle, Insert, LiftBox, Handover)}
-
-__all__ = [
-    "TASKS",
-    "ActionMapping",
-    "ArmStates",
-    "Command",
-    "GripperPart",
-    "Handover",
-    "Insert",
-    "Judgment",
-    "JointsPart",
-    "ParameterPart",
-    "LiftBox",
-    "PosePart",
-    "PressCircle",
-    "Quantity",
-    "Reach",
-    "ScalarPart",
-    "Start",
-    "Task",
-    "TaskArm",
-    "Truth",
-    "WrenchPart",
-]

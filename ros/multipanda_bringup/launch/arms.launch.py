@@ -10,11 +10,9 @@ import tempfile
 import xacro
 import yaml
 from ament_index_python.packages import get_package_share_directory
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from multipanda_bringup.arms import arms_from, controllers, description_mappings
+from multipanda_bringup.launching import SHARE, launched, rviz
 
 ARGUMENTS = {
     "arm_names": ("arm", "Names of the arms, separated by spaces"),
@@ -35,11 +33,13 @@ ARGUMENTS = {
 }
 
 
-def set_up(context):
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+def node(package, executable, **options):
+    return Node(package=package, executable=executable, output="both", **options)
+
+
+def set_up(given):
     arms = arms_from(*(given[k] for k in ("arm_names", "models", "hands", "hardware", "addresses", "bases")))
     description = get_package_share_directory("multipanda_description")
-    share = get_package_share_directory("multipanda_bringup")
     urdf = xacro.process_file(
         os.path.join(description, "urdf", "arms.urdf.xacro"), mappings=description_mappings(arms, given["scene"])
     ).toxml()
@@ -48,74 +48,31 @@ def set_up(context):
         by_count = {1: "one_arm", 2: "two_arms", 3: "three_arms", 4: "four_arms"}
         if len(arms) not in by_count:
             raise ValueError(
-                f"controllers_file: no default for {len(arms)} arms; write a file like {share}/config/two_arms.yaml"
+                f"controllers_file: no default for {len(arms)} arms; write a file like {SHARE}/config/two_arms.yaml"
             )
-        file = os.path.join(share, "config", by_count[len(arms)] + ".yaml")
+        file = os.path.join(SHARE, "config", by_count[len(arms)] + ".yaml")
     with open(file, encoding="utf-8") as stream:
         parameters, started, loaded = controllers(yaml.safe_load(stream), arms)
     written = os.path.join(tempfile.mkdtemp(prefix="multipanda_"), "controllers.yaml")
     with open(written, "w", encoding="utf-8") as stream:
         yaml.safe_dump(parameters, stream)
 
+    described = [{"robot_description": urdf}]
     # Humble's controller manager takes the description from a parameter, later versions from the topic.
-    manager_parameters = (
-        [{"robot_description": urdf}, written] if os.environ.get("ROS_DISTRO") == "humble" else [written]
-    )
+    of_manager = [*(described if os.environ.get("ROS_DISTRO") == "humble" else []), written]
+    from_topic = [("~/robot_description", "robot_description")]
     nodes = [
-        Node(
-            package="robot_state_publisher",
-            executable="robot_state_publisher",
-            output="both",
-            parameters=[{"robot_description": urdf}],
-        ),
-        Node(
-            package="controller_manager",
-            executable="ros2_control_node",
-            output="both",
-            parameters=manager_parameters,
-            remappings=[("~/robot_description", "robot_description")],
-        ),
-        Node(
-            package="controller_manager",
-            executable="spawner",
-            output="both",
-            arguments=[*started, "--param-file", written],
-        ),
+        node("robot_state_publisher", "robot_state_publisher", parameters=described),
+        node("controller_manager", "ros2_control_node", parameters=of_manager, remappings=from_topic),
     ]
-    if loaded:
-        nodes.append(
-            Node(
-                package="controller_manager",
-                executable="spawner",
-                output="both",
-                arguments=[*loaded, "--inactive", "--param-file", written],
-            )
-        )
+    for names in (started, [*loaded, "--inactive"]) if loaded else (started,):
+        nodes.append(node("controller_manager", "spawner", arguments=[*names, "--param-file", written]))
     for arm in arms:  # tf also needs the finger joints, published by the hardware's node
         if arm.hand and arm.hardware != "mock":
-            nodes.append(
-                Node(
-                    package="topic_tools",
-                    executable="relay",
-                    name=f"{arm.name}_finger_states",
-                    output="both",
-                    arguments=[f"{arm.name}_gripper/joint_states", "joint_states"],
-                )
-            )
-    if given["rviz"].lower() == "true":
-        nodes.append(
-            Node(
-                package="rviz2",
-                executable="rviz2",
-                output="log",
-                arguments=["-d", os.path.join(description, "rviz", "arms.rviz")],
-            )
-        )
-    return nodes
+            topics = [f"{arm.name}_gripper/joint_states", "joint_states"]
+            nodes.append(node("topic_tools", "relay", name=f"{arm.name}_finger_states", arguments=topics))
+    return nodes + rviz(given, os.path.join(description, "rviz", "arms.rviz"))
 
 
 def generate_launch_description():
-    declared = [
-        DeclareLaunchArgument(name, default_value=value, description=text) for name, (value, text) in ARGUMENTS.items()
-    ]
-    return LaunchDescription([*declared, OpaqueFunction(function=set_up)])
+    return launched(ARGUMENTS, set_up)

@@ -62,11 +62,10 @@ def arms_from(arm_names, models="fer", hands="true", hardware="mujoco", addresse
     places = places or default_bases(count)
     if len(places) != count or any(not isinstance(p, list) or len(p) != 6 for p in places):
         raise ValueError("bases: expected [[x, y, z, roll, pitch, yaw], ...] in m and rad, one per arm")
+    given = {"models": models, "hands": hands.lower(), "hardware": hardware, "addresses": addresses}
+    columns = [_one_each(what, text, count) for what, text in given.items()]
     arms = []
-    for i, name in enumerate(names):
-        kind = _one_each("hardware", hardware, count)[i]
-        hand = _one_each("hands", hands, count)[i].lower()
-        address = _one_each("addresses", addresses, count)[i]
+    for name, model, hand, kind, address, place in zip(names, *columns, places):
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
             raise ValueError(f"arm_names: '{name}' is not a valid name (a letter, then letters, digits or _)")
         if kind not in KINDS:
@@ -78,16 +77,7 @@ def arms_from(arm_names, models="fer", hands="true", hardware="mujoco", addresse
                 f"addresses: the real arm '{name}' needs the address of its controller, "
                 "for example addresses:=172.16.0.2"
             )
-        arms.append(
-            Arm(
-                name,
-                _one_each("models", models, count)[i],
-                hand == "true",
-                kind,
-                address,
-                [float(x) for x in places[i]],
-            )
-        )
+        arms.append(Arm(name, model, hand == "true", kind, address, [float(x) for x in place]))
     return arms
 
 
@@ -107,16 +97,10 @@ def description_mappings(arms, scene="", ros2_control=True):
 
 def renamed(data, names):
     """Returns the data with arms renamed: each old name, alone or followed by an underscore, is replaced."""
-    pattern = re.compile(r"(" + "|".join(map(re.escape, names)) + r")(?=_|$)")
+    pattern = re.compile(r"^(" + "|".join(map(re.escape, names)) + r")(?=_|$)")
 
     def word(text):
-        return (
-            text
-            if text == "arm_names"
-            else pattern.sub(lambda m: names[m.group(1)], text, count=1)
-            if pattern.match(text)
-            else text
-        )
+        return text if text == "arm_names" else pattern.sub(lambda m: names[m.group(1)], text)
 
     def walk(item):
         if isinstance(item, dict):

@@ -13,11 +13,9 @@ import os
 import xacro
 import yaml
 from ament_index_python.packages import get_package_share_directory
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from multipanda_bringup.arms import arms_from, description_mappings, moveit_parameters
+from multipanda_bringup.launching import launched, rviz
 
 ARGUMENTS = {
     "arm_names": ("arm", "One or two names"),
@@ -29,8 +27,7 @@ ARGUMENTS = {
 }
 
 
-def set_up(context):
-    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+def set_up(given):
     arms = arms_from(given["arm_names"], given["models"], given["hands"], bases=given["bases"])
     description = get_package_share_directory("multipanda_description")
     config = os.path.join(get_package_share_directory("multipanda_moveit_config"), "config")
@@ -58,22 +55,9 @@ def set_up(context):
     parameters.update(
         robot_description=urdf, robot_description_semantic=srdf, use_sim_time=given["use_sim_time"].lower() == "true"
     )
-    nodes = [Node(package="moveit_ros_move_group", executable="move_group", output="both", parameters=[parameters])]
-    if given["rviz"].lower() == "true":
-        nodes.append(
-            Node(
-                package="rviz2",
-                executable="rviz2",
-                output="log",
-                parameters=[parameters],
-                arguments=["-d", os.path.join(config, "moveit.rviz")],
-            )
-        )
-    return nodes
+    group = Node(package="moveit_ros_move_group", executable="move_group", output="both", parameters=[parameters])
+    return [group, *rviz(given, os.path.join(config, "moveit.rviz"), parameters=[parameters])]
 
 
 def generate_launch_description():
-    declared = [
-        DeclareLaunchArgument(name, default_value=value, description=text) for name, (value, text) in ARGUMENTS.items()
-    ]
-    return LaunchDescription([*declared, OpaqueFunction(function=set_up)])
+    return launched(ARGUMENTS, set_up)

@@ -31,7 +31,7 @@ export interface Connection {
   received: number;
   lost: number;
   late: number;
-  success: number;
+  command_success_rate: number;
 }
 
 export interface Gripper {
