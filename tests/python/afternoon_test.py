@@ -30,7 +30,7 @@ import multipanda as mp
 import numpy as np
 from harness import FOLDER, PATIENCE, ROOT, Silent, streaming, until
 from leader_test import A, B, calibration, event, mounted, pose
-from lerobot_export_test import export, python_with_arrow
+from lerobot_environment import export, python_with_arrow
 from multipanda.picture_log import read_pictures
 from ssh_server import MISSING, Sshd
 
@@ -193,7 +193,7 @@ class Afternoon(unittest.TestCase):
             times, angles = zip(*person.turned[arm])
             turned = 1e-9 * (np.array(times) - offset_ns), np.array(angles)
             for what, name in (("set-point", f"{arm}_joint/joints/value"), ("arm", f"{arm}/state/q")):
-                moved = log.t(name.rpartition("/")[0]), log[name]
+                moved = log.t(name), log[name]
                 spread(f"from the {arm} leader to its {what}", lags_s(turned, moved))
         pictures = [each for shots in read_pictures(run.folder / "pictures.mcap").values() for each in shots]
         spread("from a picture to the log", [each.age_s for each in pictures])
