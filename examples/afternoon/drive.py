@@ -10,7 +10,7 @@ import time
 
 import multipanda as mp
 import numpy as np
-from record import ARMS, CAMERAS, SCENE
+from record import ARMS, BOX_M, CAMERAS, SCENE
 from train import FPS, Policy
 
 SECONDS = 8
@@ -63,8 +63,8 @@ def main():
         for trial in range(1, options.trials + 1):
             go(far, policy.w["start_rad"])
             if simulated:
-                x, y = 0.5 + random.uniform(-0.08, 0.08), random.uniform(-0.02, 0.02)
-                far.place("box", mp.Pose.at([x, y, 0.3505]))
+                away_m = [random.uniform(-0.08, 0.08), random.uniform(-0.02, 0.02), 0.0005]
+                far.place("box", np.add(BOX_M, away_m))
                 time.sleep(0.3)
             else:
                 input("Place the box, step back, press Enter. ")
@@ -75,7 +75,7 @@ def main():
             if simulated:
                 box = far.objects()["box"]
                 tilt_rad = math.acos(min(1, box.rotation[2, 2]))
-                success = box.position_m[2] > 0.35 + LIFTED_M and tilt_rad < UPRIGHT_RAD
+                success = box.position_m[2] > BOX_M[2] + LIFTED_M and tilt_rad < UPRIGHT_RAD
             else:
                 success = input("Lifted? y/n ") == "y"
             successes += success

@@ -13,10 +13,11 @@ from multipanda.leader import lead
 from multipanda.pedal import Pedal
 
 ARMS = ("left", "right")
+BOX_M = (0.62, 0, 0.3)  # where it stands, in the middle
 SCENE = str(pathlib.Path(__file__).with_name("scene.yaml"))
 CAMERAS = {  # real ones: mp.OpenCvCamera(0), mp.OpenCvCamera(1)
-    "top": mp.SceneCamera([0.5, 0, 1.5], look_at_m=[0.5, 0, 0.3], width=96, height=72),
-    "front": mp.SceneCamera([1.4, 0, 0.8], look_at_m=[0.5, 0, 0.35], width=96, height=72),
+    "top": mp.SceneCamera([0.62, 0, 1.5], look_at_m=[0.62, 0, 0.3], width=96, height=72),
+    "front": mp.SceneCamera([1.5, 0, 0.8], look_at_m=[0.62, 0, 0.3], width=96, height=72),
 }
 
 

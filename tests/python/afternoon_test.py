@@ -41,9 +41,14 @@ if MISSING:
 FULL = os.environ.get("MULTIPANDA_FULL") == "1"
 EPISODES, TRIALS, STEPS = (20, 20, 6000) if FULL else (3, 2, 500)
 EXAMPLE = ROOT / "examples" / "afternoon"
+sys.path.insert(0, str(EXAMPLE))
+
+from drive import wilson
+from record import ARMS, BOX_M
+
 SCENE = EXAMPLE / "scene.yaml"
-ARMS = ("left", "right")
 SIDE = {"left": 1, "right": -1}
+LOW_M, HIGH_M = BOX_M[2], BOX_M[2] + 0.1
 FAR_M, TOUCH_M, SQUEEZE_M = 0.17, 0.115, 0.07  # of a pad from the box's middle
 
 
@@ -91,14 +96,14 @@ class Person:
         """Lifts the box, judges, and puts it down."""
         self.press(A)
         begun()
-        self.move(self.pads(x_m, y_m, TOUCH_M, 0.35), random.uniform(1.6, 2.2))
-        self.move(self.pads(x_m, y_m, SQUEEZE_M, 0.35), random.uniform(0.9, 1.2))
-        self.move(self.pads(x_m, y_m, SQUEEZE_M, 0.45), random.uniform(1.5, 2))
+        self.move(self.pads(x_m, y_m, TOUCH_M, LOW_M), random.uniform(1.6, 2.2))
+        self.move(self.pads(x_m, y_m, SQUEEZE_M, LOW_M), random.uniform(0.9, 1.2))
+        self.move(self.pads(x_m, y_m, SQUEEZE_M, HIGH_M), random.uniform(1.5, 2))
         time.sleep(1)
-        lifted = self.run.objects()["box"].position_m[2] > 0.35 + 0.05
+        lifted = self.run.objects()["box"].position_m[2] > LOW_M + 0.05
         self.press(A if lifted else B)
-        self.move(self.pads(x_m, y_m, SQUEEZE_M, 0.35), 1.2)
-        self.move(self.pads(x_m, y_m, FAR_M, 0.35), 1)
+        self.move(self.pads(x_m, y_m, SQUEEZE_M, LOW_M), 1.2)
+        self.move(self.pads(x_m, y_m, FAR_M, LOW_M), 1)
         self.move(self.start, 0.8)
         return lifted
 
@@ -175,8 +180,8 @@ class Afternoon(unittest.TestCase):
             try:
                 heard("the arms follow")
                 while done < EPISODES:
-                    x, y = 0.5 + random.uniform(-0.08, 0.08), random.uniform(-0.02, 0.02)
-                    run.place("box", [x, y, 0.3505])
+                    x, y = BOX_M[0] + random.uniform(-0.08, 0.08), random.uniform(-0.02, 0.02)
+                    run.place("box", [x, y, BOX_M[2] + 0.0005])
                     done += person.demonstrate(x, y, random, lambda: heard("begins", done + 1))
                     heard("success", done)
                     print(f"{done} demonstrations", flush=True)
@@ -236,9 +241,6 @@ class Afternoon(unittest.TestCase):
 
     def test_wilson(self):
         """Against the quadratic that the interval solves: (p - share)^2 = z^2 p (1 - p) / n."""
-        sys.path.insert(0, str(EXAMPLE))
-        from drive import wilson
-
         for successes, trials in ((0, 20), (17, 20), (20, 20), (1, 2)):
             for p in wilson(successes, trials):
                 self.assertAlmostEqual((p - successes / trials) ** 2, 1.96**2 * p * (1 - p) / trials, delta=1e-12)
