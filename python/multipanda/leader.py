@@ -11,7 +11,7 @@ import contextlib
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -235,12 +235,34 @@ class _Waits:
             self._said, self._said_s = line, now_s
 
 
-@contextlib.contextmanager
-def _opened(robot: ArmsRobot, leader: ServoLeader) -> Iterator[None]:
+def lead(
+    run: str | None,
+    files: Mapping[str, str],
+    pedal: Pedal | None = None,
+    *,
+    say: Callable[[str], object] = print,
+) -> None:
+    """Lets arms of a run follow their leaders as drive() does, until it is interrupted.
+
+    Args:
+        run: Name, socket or ssh:// of the run; by default the only one.
+        files: The calibration of each leader, by the arm that it leads.
+        pedal: Marks episodes in the run's log.
+        say: Called with a line about what begins, waits and was marked.
+
+    Raises:
+        Disconnected, Refused, Timeout: As drive().
+    """
+    arms = list(files)
+    with connect(run) as client:
+        state = client.state()
+    hands = [arm for arm in arms if Calibration.load(files[arm]).trigger and state.arms[arm].gripper is not None]
+    robot = ArmsRobot(RobotSettings(socket=run, arms=arms, grippers=hands, max_jump_rad=_LEFT_BEHIND_RAD))
+    leader = ServoLeader(ServoLeaderSettings(arms=arms, files=dict(files), grippers=hands))
     try:
         robot.connect()
         leader.connect()
-        yield
+        drive(robot, leader, pedal, say=say)
     finally:
         leader.disconnect()
         robot.disconnect()
@@ -250,18 +272,11 @@ def _drive(options: argparse.Namespace) -> None:
     keys = {int(code): mark for code, _, mark in (word.partition("=") for word in options.key)} or KEYS
     with connect(options.run) as client:
         arms = options.arms or list(client.arms)
-        state = client.state()
     if len(arms) != len(options.files):
         raise Refused("wrong_size", f"{len(options.files)} leaders for {', '.join(arms)}", "--arms names those led")
-    files = dict(zip(arms, options.files))
-    hands = [arm for arm in arms if Calibration.load(files[arm]).trigger and state.arms[arm].gripper is not None]
-    settings = RobotSettings(socket=options.run, arms=arms, grippers=hands, max_jump_rad=_LEFT_BEHIND_RAD)
-    leader = ServoLeader(ServoLeaderSettings(arms=arms, files=files, grippers=hands))
     with contextlib.ExitStack() as stack:
         pedal = stack.enter_context(Pedal(options.pedal, keys)) if options.pedal else None
-        robot = ArmsRobot(settings)
-        stack.enter_context(_opened(robot, leader))
-        drive(robot, leader, pedal)
+        lead(options.run, dict(zip(arms, options.files)), pedal)
 
 
 def main() -> int:

@@ -6,7 +6,6 @@ import importlib.util
 import os
 import pathlib
 import random
-import shutil
 import signal
 import socket
 import subprocess
@@ -19,10 +18,10 @@ import harness  # first: it sets the paths
 import multipanda as mp
 import numpy as np
 from harness import FOLDER, PATIENCE, until
+from ssh_server import MISSING, Sshd
 
-SSHD = shutil.which("sshd", path=os.environ.get("PATH", "") + ":/usr/sbin:/usr/local/sbin")
-if not SSHD or not shutil.which("ssh"):
-    print("skipped: there is no ssh or no sshd (apt-get install openssh-server)")
+if MISSING:
+    print(f"skipped: {MISSING}")
     sys.exit(77)
 
 FULL = os.environ.get("MULTIPANDA_FULL") == "1"
@@ -108,36 +107,17 @@ class OverSsh(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        cls.folder = FOLDER / "ssh"
-        cls.folder.mkdir()
-        for name in ("host", "user"):
-            words = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", cls.folder / name]
-            subprocess.run(words, check=True)
-        with socket.create_server(("127.0.0.1", 0)) as probe:
-            cls.port = probe.getsockname()[1]
-        if os.getuid() == 0:
-            os.makedirs("/run/sshd", exist_ok=True)
-        (cls.folder / "sshd").write_text(
-            f"ListenAddress 127.0.0.1:{cls.port}\nHostKey {cls.folder / 'host'}\nPidFile none\nUsePAM no\n"
-            "StrictModes no\n"
-            f"AuthorizedKeysFile {cls.folder / 'user.pub'}\nPermitRootLogin prohibit-password\n"
-        )
-        (cls.folder / "config").write_text(
-            f"IdentityFile {cls.folder / 'user'}\nIdentitiesOnly yes\nStrictHostKeyChecking no\nBatchMode yes\n"
-            f"UserKnownHostsFile {cls.folder / 'known'}\nLogLevel ERROR\n"
-        )
-        with open(cls.folder / "log", "wb") as log:
-            cls.sshd = subprocess.Popen([SSHD, "-D", "-e", "-f", cls.folder / "sshd"], stderr=log)
+        cls.sshd = Sshd(FOLDER / "ssh")
+        cls.port = cls.sshd.port
         cls.run_ = mp.run("two_arms")
 
     @classmethod
     def tearDownClass(cls):
         cls.run_.close()
-        cls.sshd.terminate()
-        cls.sshd.wait()
+        cls.sshd.close()
 
     def setUp(self):
-        self.assertIsNone(self.sshd.poll(), (self.folder / "log").read_text())
+        self.assertIsNone(self.sshd.process.poll(), self.sshd.said())
         self.run_.resume()
         self.run_.switch(["left_cartesian", "right_cartesian"])
 
@@ -146,7 +126,7 @@ class OverSsh(unittest.TestCase):
 
     def connect(self, port=None, run=None, **options):
         run = pathlib.Path(self.run_.connection.path).stem if run is None else run
-        options = {"program": mp.program_path(), "ssh": ["ssh", "-F", str(self.folder / "config")], **options}
+        options = {"program": mp.program_path(), "ssh": ["ssh", "-F", str(self.sshd.config)], **options}
         return mp.connect(f"ssh://127.0.0.1:{port or self.port}/{run}", **options)
 
     def held(self, arm="left"):
@@ -353,7 +333,7 @@ class OverSsh(unittest.TestCase):
             "sys.stdin.read()\n"
         )
         name = pathlib.Path(self.run_.connection.path).stem
-        words = [f"ssh://127.0.0.1:{self.port}/{name}", mp.program_path(), str(self.folder / "config")]
+        words = [f"ssh://127.0.0.1:{self.port}/{name}", mp.program_path(), str(self.sshd.config)]
         with subprocess.Popen(
             [sys.executable, "-c", program, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         ) as child:
@@ -391,7 +371,7 @@ class OverSsh(unittest.TestCase):
                         "-o",
                         "StrictHostKeyChecking=no",
                         "-o",
-                        f"UserKnownHostsFile={self.folder / 'known'}",
+                        f"UserKnownHostsFile={self.sshd.folder / 'known'}",
                     ]
                 },
                 "Permission denied",

@@ -1,0 +1,250 @@
+#!/usr/bin/env python3
+"""One afternoon (docs/tutorials/afternoon.md) with the example's own commands: leaders that are emulated drive two arms
+over ssh, their episodes become a data set, a network learns from it, and drives the arms over ssh.
+
+MULTIPANDA_FULL=1: with the tutorial's twenty episodes and twenty trials.
+"""
+
+import contextlib
+import importlib.util
+import json
+import os
+import pathlib
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+
+for package, extra in (("OpenGL", "cameras"), ("dynamixel_sdk", "leader")):
+    if importlib.util.find_spec(package) is None:
+        print(f"skipped: {package} is not installed (./multipanda setup, or pip install 'multipanda[{extra}]')")
+        sys.exit(77)
+
+import harness  # first: it sets the paths
+import multipanda as mp
+import numpy as np
+from harness import FOLDER, PATIENCE, ROOT, Silent, streaming, until
+from leader_test import A, B, calibration, event, mounted, pose
+from lerobot_environment import export, python_with_arrow
+from multipanda.picture_log import read_pictures
+from ssh_server import MISSING, Sshd
+
+if MISSING:
+    print(f"skipped: {MISSING}")
+    sys.exit(77)
+
+FULL = os.environ.get("MULTIPANDA_FULL") == "1"
+EPISODES, TRIALS, STEPS = (20, 20, 6000) if FULL else (3, 2, 500)
+EXAMPLE = ROOT / "examples" / "afternoon"
+sys.path.insert(0, str(EXAMPLE))
+
+from drive import wilson
+from record import ARMS, BOX_M
+
+SCENE = EXAMPLE / "scene.yaml"
+SIDE = {"left": 1, "right": -1}
+LOW_M, HIGH_M = BOX_M[2], BOX_M[2] + 0.1
+FAR_M, TOUCH_M, SQUEEZE_M = 0.17, 0.115, 0.07  # of a pad from the box's middle
+
+
+class Person:
+    """Who leads: turns the joints of both leaders, and presses the pedal."""
+
+    def __init__(self, run, leaders, pedal):
+        self.run, self.leaders, self.pedal = run, leaders, pedal
+        self.models = {arm: mp.model(str(SCENE), arm=arm) for arm in ARMS}
+        self.start = {arm: run.arms[arm].state.q_rad for arm in ARMS}
+        self.hands = {arm: self.models[arm].pose(self.start[arm]) for arm in ARMS}
+        self.at = dict(self.start)
+        self.turned = {arm: [] for arm in ARMS}  # (time [ns], joint angles)
+        self.set()
+
+    def set(self):
+        for arm in ARMS:
+            pose(self.leaders[arm], self.at[arm])
+            self.turned[arm].append((time.monotonic_ns(), self.at[arm]))
+
+    def angles(self, arm, x_m, y_m, away_m, z_m):
+        """Of the pad beside a place."""
+        hand = self.hands[arm].position_m
+        by = {"x": x_m - hand[0], "y": y_m + SIDE[arm] * away_m - hand[1], "z": z_m - hand[2]}
+        return self.models[arm].inverse(self.hands[arm].moved(**by), self.at[arm])
+
+    def move(self, goal, seconds):
+        """Slowly at both ends. Ends early where nobody reads any more."""
+        begin, start = time.monotonic(), dict(self.at)
+        while (share := (time.monotonic() - begin) / seconds) < 1:
+            smooth = share**2 * (3 - 2 * share)
+            self.at = {arm: start[arm] + smooth * (goal[arm] - start[arm]) for arm in ARMS}
+            self.set()
+            time.sleep(0.005)
+        self.at = dict(goal)
+        self.set()
+
+    def press(self, key):
+        os.write(self.pedal, event(key, 1, time.monotonic_ns() // 10**9))
+
+    def pads(self, *place):
+        return {arm: self.angles(arm, *place) for arm in ARMS}
+
+    def demonstrate(self, x_m, y_m, random, begun):
+        """Lifts the box, judges, and puts it down."""
+        self.press(A)
+        begun()
+        self.move(self.pads(x_m, y_m, TOUCH_M, LOW_M), random.uniform(1.6, 2.2))
+        self.move(self.pads(x_m, y_m, SQUEEZE_M, LOW_M), random.uniform(0.9, 1.2))
+        self.move(self.pads(x_m, y_m, SQUEEZE_M, HIGH_M), random.uniform(1.5, 2))
+        time.sleep(1)
+        lifted = self.run.objects()["box"].position_m[2] > LOW_M + 0.05
+        self.press(A if lifted else B)
+        self.move(self.pads(x_m, y_m, SQUEEZE_M, LOW_M), 1.2)
+        self.move(self.pads(x_m, y_m, FAR_M, LOW_M), 1)
+        self.move(self.start, 0.8)
+        return lifted
+
+
+def lags_s(turned, moved, window_s=2.0):
+    """How far motions are behind those of their leaders: the shift with the least squares, for each window with motion.
+
+    Both are (times [s], angles of all joints).
+    """
+    found = []
+    for begin in np.arange(turned[0][0], turned[0][-1] - window_s, window_s):
+        rows = (turned[0] >= begin) & (turned[0] < begin + window_s)
+        k = int(np.argmax(np.ptp(turned[1][rows], axis=0))) if rows.sum() > 10 else 0
+        if rows.sum() > 10 and np.ptp(turned[1][rows, k]) > 0.05:
+            shifts = np.arange(0, 0.6, 0.002)
+            later = [np.interp(turned[0][rows] + shift, moved[0], moved[1][:, k]) for shift in shifts]
+            found.append(shifts[np.argmin([np.var(each - turned[1][rows, k]) for each in later])])
+    return np.array(found)
+
+
+def spread(what, values):
+    print(f"{what}: median {1e3 * np.median(values):.0f} ms, p99 {1e3 * np.quantile(values, 0.99):.0f} ms", flush=True)
+
+
+class Afternoon(unittest.TestCase):
+    def setUp(self):
+        self.stack = contextlib.ExitStack()
+        self.addCleanup(self.stack.close)
+        folder = self.folder = pathlib.Path(tempfile.mkdtemp(dir=FOLDER))
+        (folder / "multipanda").symlink_to(mp.program_path())
+        self.sshd = Sshd(folder / "sshd", {"PATH": f"{folder}:/usr/bin:/bin"})
+        self.stack.callback(self.sshd.close)
+        (folder / "ssh").write_text(f'#!/bin/sh\nexec {shutil.which("ssh")} -F {self.sshd.config} "$@"\n')
+        (folder / "ssh").chmod(0o755)
+        self.environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}
+
+    def address(self, run):
+        return f"ssh://127.0.0.1:{self.sshd.port}/{pathlib.Path(run.connection.path).stem}"
+
+    def command(self, name, *words, python=sys.executable):
+        words = [str(python), "-u", str(EXAMPLE / name), *map(str, words)]
+        done = subprocess.run(
+            words, env=self.environment, capture_output=True, text=True, timeout=PATIENCE + 60 * TRIALS
+        )
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        print(done.stdout, done.stderr, end="", flush=True)
+        return done.stdout
+
+    def record(self, run):
+        """Episodes by record.py, until enough have succeeded; returns the demonstrator."""
+        leaders = {arm: mounted() for arm in ARMS}
+        for servos in leaders.values():
+            self.stack.callback(servos.close)
+        os.mkfifo(self.folder / "pedal")
+        pedal = os.open(self.folder / "pedal", os.O_RDWR)
+        self.stack.callback(os.close, pedal)
+        person = Person(run, leaders, pedal)
+        random, said, done = np.random.default_rng(7), [], 0
+        pictures = run.folder / "pictures.mcap"
+        words = [EXAMPLE / "record.py", pictures, "--run", self.address(run), "--pedal", self.folder / "pedal"]
+        words += ["--leaders", *(calibration(leaders[arm]) for arm in ARMS)]
+        with subprocess.Popen(
+            [sys.executable, "-u", *map(str, words)],
+            env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        ) as program:  # fmt: skip
+            reader = threading.Thread(target=lambda: said.extend(program.stdout), daemon=True)
+            reader.start()
+
+            def heard(word, count=1):
+                until(lambda: sum(word in line for line in said) >= count or program.poll() is not None, said)
+                if program.poll() is not None or sum("are held" in line for line in said):
+                    raise Silent  # this computer is too busy to lead arms
+
+            try:
+                heard("the arms follow")
+                while done < EPISODES:
+                    x, y = BOX_M[0] + random.uniform(-0.08, 0.08), random.uniform(-0.02, 0.02)
+                    run.place("box", [x, y, BOX_M[2] + 0.0005])
+                    done += person.demonstrate(x, y, random, lambda: heard("begins", done + 1))
+                    heard("success", done)
+                    print(f"{done} demonstrations", flush=True)
+            finally:
+                program.send_signal(signal.SIGINT)
+                program.wait(PATIENCE)
+                reader.join()
+                print("".join(said))
+        return person
+
+    def latencies(self, run, person, offset_ns):
+        log = mp.read_log(run.log)
+        for arm in ARMS:
+            times, angles = zip(*person.turned[arm])
+            turned = 1e-9 * (np.array(times) - offset_ns), np.array(angles)
+            for what, name in (("set-point", f"{arm}_joint/joints/value"), ("arm", f"{arm}/state/q")):
+                moved = log.t(name), log[name]
+                spread(f"from the {arm} leader to its {what}", lags_s(turned, moved))
+        pictures = [each for shots in read_pictures(run.folder / "pictures.mcap").values() for each in shots]
+        spread("from a picture to the log", [each.age_s for each in pictures])
+        spread("pairing error", [each.error_s for each in pictures])
+
+    @streaming
+    def test_all_of_it(self):
+        with mp.run(SCENE, record=self.folder / "runs") as run:
+            newest = run.record()
+            person = self.record(run)
+        if FULL:
+            self.latencies(run, person, newest.start_ns - round(1e9 * newest.t_s))
+        data, policy = self.folder / "lift", self.folder / "policy.npz"
+        words = ["--fps", 10, "--observe", "joints,torques", "--task", "Lift the box"]
+        said = export(run.log.parent, "--lerobot", data, *words)
+        about = json.loads((data / "meta/info.json").read_text())
+        late = said.count("left out: it has no picture of camera")  # a busy computer
+        self.assertEqual(about["total_episodes"] + late, EPISODES, said)
+        self.assertGreater(about["total_frames"], 30 * about["total_episodes"])
+        for name in ("top", "front"):
+            self.assertEqual(about["features"][f"observation.images.{name}"]["shape"], [72, 96, 3])
+        for episode in json.loads((data / "meta/multipanda.json").read_text())["episodes"]:
+            self.assertEqual(episode["outcome"], "success")
+            self.assertLess(max(episode["picture_age_s"].values()), 0.5)
+            self.assertLess(max(episode["pairing_error_s"].values()), 0.1)
+        said = self.command("train.py", data, policy, "--steps", STEPS, python=python_with_arrow())
+        losses = [float(x) for x in re.findall(r"loss ([\d.]+)", said)]
+        self.assertEqual(len(losses), 10)
+        self.assertLess(losses[-1], 0.3 * losses[0])
+        with mp.run(SCENE, record=self.folder / "driven") as run:
+            start = run.arms["left"].state.q_rad
+            said = self.command("drive.py", policy, "--run", self.address(run), "--trials", TRIALS)
+            self.assertTrue(all(run.arms[arm].state.held for arm in ARMS))
+            self.assertGreater(np.max(np.abs(run.arms["left"].state.q_rad - start)), 0.01)  # it did something
+        outcomes = re.findall(r"^trial \d+: (success|failure)$", said, re.M)
+        self.assertEqual(len(outcomes), TRIALS)
+        count = outcomes.count("success")
+        self.assertRegex(said, rf"(?m)^{count} of {TRIALS} succeeded: \d+% to \d+% \(95 %, Wilson\)$")
+        self.assertGreaterEqual(count, 0.5 * TRIALS if FULL else 0)
+
+    def test_wilson(self):
+        """Against the quadratic that the interval solves: (p - share)^2 = z^2 p (1 - p) / n."""
+        for successes, trials in ((0, 20), (17, 20), (20, 20), (1, 2)):
+            for p in wilson(successes, trials):
+                self.assertAlmostEqual((p - successes / trials) ** 2, 1.96**2 * p * (1 - p) / trials, delta=1e-12)
+
+
+if __name__ == "__main__":
+    harness.main()
