@@ -1,16 +1,20 @@
 #include "logs/export.hpp"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cstdint>
 #include <fstream>
+#include <functional>
 #include <map>
-#include <optional>
+#include <memory>
 #include <set>
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <tuple>
 #include <type_traits>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -24,12 +28,15 @@
 namespace multipanda {
 namespace {
 
+using Numbers = std::vector<double>;
+using Integers = std::vector<std::int64_t>;
+
 // One field of a message as plain values, for tables and arrays. Nested messages become fields "outer_inner".
 // Points, vectors and quaternions (x y z w) become one field of 3 or 4 numbers, times become seconds, and
 // lists of strings become one string, a JSON array.
 struct FlatField {
   std::string name;
-  std::variant<std::vector<double>, std::vector<std::int64_t>, std::string> values;
+  std::variant<Numbers, Integers, std::string> values;
   bool list = false;               // a sequence of any length
   std::string unit;                // as in a column's name: "rad_per_s"; empty: none
   std::vector<std::string> parts;  // names of the numbers of a point, vector or quaternion: x y z
@@ -69,63 +76,127 @@ constexpr bool kIsTuple<msg::Vector3> = true;
 template <>
 constexpr bool kIsTuple<msg::Quaternion> = true;
 
-// `units`: units of the enclosing field's quantities, in order; the fields of this message then have none.
+// The field's values as V, which keep their memory from message to message.
+template <typename V>
+V& values_of(FlatField& flat) {
+  if (!std::holds_alternative<V>(flat.values)) flat.values.template emplace<V>();
+  return std::get<V>(flat.values);
+}
+
+template <typename F>
+void set_values(FlatField& flat, const F& field) {
+  if constexpr (std::is_same_v<F, msg::Time>) {
+    values_of<Numbers>(flat).assign(1, static_cast<double>(field.sec) + 1e-9 * field.nanosec);
+  } else if constexpr (std::is_same_v<F, std::string>) {
+    values_of<std::string>(flat) = field;
+  } else if constexpr (std::is_same_v<F, std::vector<std::string>>) {
+    values_of<std::string>(flat) = nlohmann::json(field).dump();
+  } else if constexpr (std::is_floating_point_v<F>) {
+    values_of<Numbers>(flat).assign(1, field);
+  } else if constexpr (std::is_integral_v<F>) {
+    values_of<Integers>(flat).assign(1, static_cast<std::int64_t>(field));
+  } else if constexpr (kIsTuple<F>) {
+    Numbers& numbers = values_of<Numbers>(flat);
+    numbers.clear();
+    for_each_field(field, [&](std::size_t, double value) { numbers.push_back(value); });
+  } else if constexpr (std::is_floating_point_v<typename F::value_type>) {
+    values_of<Numbers>(flat).assign(field.begin(), field.end());
+  } else {
+    values_of<Integers>(flat).assign(field.begin(), field.end());
+  }
+}
+
+// Sets `out` to the message's fields in the order of its definition. Names and units are those of the first
+// message. `units`: units of the enclosing field's quantities, in order; the fields of this message then have
+// none.
 template <typename M>
 void flatten_into(const M& message, const std::string& prefix, std::string_view units,
-                  std::vector<FlatField>& out) {
+                  std::vector<FlatField>& out, std::size_t& next) {
   for_each_field(message, [&]<typename F>(std::size_t i, const F& field) {
-    FlatField flat{prefix + std::string(M::kFields[i]), {}, IsSequence<F>::value, {}, {}};
     if constexpr (RosMessage<F> && !kIsTuple<F> && !std::is_same_v<F, msg::Time>) {
-      flatten_into(field, flat.name + "_", M::kUnits[i], out);
-      return;
-    } else if constexpr (std::is_same_v<F, msg::Time>) {
-      flat.values = std::vector<double>{static_cast<double>(field.sec) + 1e-9 * field.nanosec};
-      flat.unit = "s";
-    } else if constexpr (std::is_same_v<F, std::string>) {
-      flat.values = field;
-    } else if constexpr (std::is_same_v<F, std::vector<std::string>>) {
-      flat.list = false;  // one text
-      flat.values = nlohmann::json(field).dump();
-    } else if constexpr (std::is_floating_point_v<F>) {
-      flat.values = std::vector<double>{field};
-    } else if constexpr (std::is_integral_v<F>) {
-      flat.values = std::vector<std::int64_t>{static_cast<std::int64_t>(field)};
-    } else if constexpr (kIsTuple<F>) {
-      std::vector<double> numbers;
-      for_each_field(field, [&](std::size_t, double value) { numbers.push_back(value); });
-      flat.values = std::move(numbers);
-      flat.parts.assign(F::kFields.begin(), F::kFields.end());
-    } else if constexpr (std::is_floating_point_v<typename F::value_type>) {
-      flat.values = std::vector<double>(field.begin(), field.end());
+      flatten_into(field, prefix + std::string(M::kFields[i]) + "_", M::kUnits[i], out, next);
     } else {
-      flat.values = std::vector<std::int64_t>(field.begin(), field.end());
+      if (next == out.size()) {
+        FlatField& flat = out.emplace_back();
+        flat.name = prefix + std::string(M::kFields[i]);
+        flat.list = IsSequence<F>::value && !std::is_same_v<F, std::vector<std::string>>;
+        if constexpr (std::is_same_v<F, msg::Time>) flat.unit = "s";
+        if constexpr (kIsTuple<F>) flat.parts.assign(F::kFields.begin(), F::kFields.end());
+        if (flat.unit.empty()) flat.unit = M::kUnits[i].empty() ? take_unit(units) : M::kUnits[i];
+      }
+      set_values(out[next++], field);
     }
-    if (flat.unit.empty()) flat.unit = M::kUnits[i].empty() ? take_unit(units) : M::kUnits[i];
-    out.push_back(std::move(flat));
   });
 }
 
+struct Table;
+
+// What the tables and arrays of one name come from. A message of a controllet's outputs has a topic for each
+// output.
+struct Topic {
+  std::string name;
+  std::string type;
+  std::vector<FlatField> fields;  // of the latest message
+  Table* table = nullptr;         // for the visitor
+};
+
+// One output in one cycle, as a message of its own.
+struct OutputRow {
+  static constexpr std::array<std::string_view, 3> kFields{"stamp", "cycle", "values"};
+  static constexpr std::array<std::string_view, 3> kUnits{};
+  const msg::Time& stamp;
+  const std::uint64_t& cycle;
+  const std::vector<double>& values;
+  auto fields() const { return std::tie(stamp, cycle, values); }
+};
+
+// Takes apart the messages of one channel.
+class Flattener {
+ public:
+  virtual ~Flattener() = default;
+  // Throws std::runtime_error for a damaged message.
+  virtual void visit(mcap::Bytes cdr, const std::function<void(Topic&)>& visitor) = 0;
+};
+
 template <typename M>
-bool flatten_as(const mcap::Schema& schema, mcap::Bytes cdr, std::vector<FlatField>& out) {
-  if (!holds<M>(schema)) return false;
-  flatten_into(from_cdr<M>(cdr), "", {}, out);
-  return true;
-}
+class FlattenerOf : public Flattener {
+ public:
+  explicit FlattenerOf(std::string name) : topic_{std::move(name), std::string(M::kType), {}, nullptr} {}
 
-// The message's fields in the order of its definition; nothing for an unknown message type.
-// Throws std::runtime_error for a damaged message, and for a known type with another definition
-// (a log of another version).
-std::optional<std::vector<FlatField>> flatten(const mcap::Schema& schema, mcap::Bytes cdr) {
-  std::vector<FlatField> out;
-  const bool known = [&]<typename... M>(std::type_identity<std::tuple<M...>>) {
-    return (flatten_as<M>(schema, cdr, out) || ...);
+  void visit(mcap::Bytes cdr, const std::function<void(Topic&)>& visitor) override {
+    CdrReader(cdr).read(message_);
+    if constexpr (std::is_same_v<M, msg::ControlletOutputs>) {
+      for (const auto& output : message_.outputs) {
+        Topic& topic = outputs_[output.name];
+        if (topic.name.empty()) topic.name = topic_.name + "/" + output.name;
+        flatten(OutputRow{message_.stamp, message_.cycle, output.values}, topic, visitor);
+      }
+    } else {
+      flatten(message_, topic_, visitor);
+    }
+  }
+
+ private:
+  void flatten(const auto& message, Topic& topic, const std::function<void(Topic&)>& visitor) {
+    std::size_t next = 0;
+    flatten_into(message, "", {}, topic.fields, next);
+    visitor(topic);
+  }
+
+  M message_;
+  Topic topic_;
+  std::map<std::string, Topic> outputs_;  // by name
+};
+
+// None for an unknown message type. Throws std::runtime_error for a known type with another definition (a log
+// of another version).
+std::unique_ptr<Flattener> make_flattener(const mcap::Schema& schema, const std::string& topic) {
+  std::unique_ptr<Flattener> made;
+  [&]<typename... M>(std::type_identity<std::tuple<M...>>) {
+    (void)((holds<M>(schema) && (made = std::make_unique<FlattenerOf<M>>(topic))) || ...);
   }(std::type_identity<msg::OwnMessages>{});
-  if (!known) return std::nullopt;
-  return out;
+  return made;
 }
-
-using Numbers = std::vector<double>;
-using Integers = std::vector<std::int64_t>;
 
 // A field over all messages of one topic.
 struct Column {
@@ -153,7 +224,9 @@ struct Table {
   std::string topic;
   std::vector<Column> columns;
   std::size_t rows = 0;
-  bool json = false;  // one more column: the whole message
+  bool json = false;            // one more column: the whole message
+  std::size_t first_array = 0;  // of an archive
+  std::size_t done = 0;         // rows that are exported
 };
 
 bool happens_now_and_then(const std::string& type) {
@@ -194,16 +267,17 @@ std::string as_json(const std::vector<FlatField>& fields) {
   return object.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
 }
 
-// Reads the log once, hands each readable message to `visit(topic, schema name, fields)`, and returns the
-// log's topics.
-template <typename Visit>
-std::string read_log(const std::filesystem::path& log, std::vector<std::string>* notes, Visit&& visit) {
+// Reads the log once, hands each topic of each readable message to `visit`, and returns the log's topics.
+std::string read_log(const std::filesystem::path& log, std::vector<std::string>* notes,
+                     const std::function<void(Topic&)>& visit) {
   McapReader reader(log);
   std::set<std::string> unknown;
+  std::map<const mcap::Channel*, std::unique_ptr<Flattener>> flatteners;
   while (const auto message = reader.next()) {
-    const auto fields = flatten(*message->schema, message->data);
-    if (fields) {
-      visit(message->channel->topic, message->schema->name, *fields);
+    const auto [found, first] = flatteners.try_emplace(message->channel);
+    if (first) found->second = make_flattener(*message->schema, message->channel->topic);
+    if (found->second) {
+      found->second->visit(message->data, visit);
     } else {
       unknown.insert(message->channel->topic + " (" + message->schema->name + ")");
     }
@@ -222,35 +296,45 @@ std::string read_log(const std::filesystem::path& log, std::vector<std::string>*
 
 std::map<std::string, Table> measure(const std::filesystem::path& log, ExportResult& result) {
   std::map<std::string, Table> tables;
-  const std::string topics = read_log(
-      log, &result.notes, [&](const std::string& topic, const std::string& type, const auto& fields) {
-        Table& table = tables[topic];
-        if (table.rows == 0) {
-          table.topic = topic;
-          table.json = happens_now_and_then(type);
-          for (const FlatField& field : fields) {
-            table.columns.push_back({field.name == "stamp" ? "t" : field.name, kind_of(field), 0, false,
-                                     field.unit, field.parts});
-          }
-          if (table.json) table.columns.push_back({"json", NpzWriter::Kind::text, 0, false, {}, {}});
-        }
-        for (std::size_t i = 0; i < fields.size(); ++i) {
-          table.columns[i].width = std::max(table.columns[i].width, width_of(fields[i]));
-          table.columns[i].matrix =
-              fields[i].list || (kind_of(fields[i]) != NpzWriter::Kind::text && width_of(fields[i]) > 1);
-        }
-        if (table.json) {
-          table.columns.back().width =
-              std::max(table.columns.back().width, code_point_count(as_json(fields)));
-        }
-        ++table.rows;
-        ++result.messages;
-      });
+  const std::string topics = read_log(log, &result.notes, [&](Topic& topic) {
+    const auto& fields = topic.fields;
+    if (topic.table == nullptr) topic.table = &tables[topic.name];
+    Table& table = *topic.table;
+    if (table.rows == 0) {
+      table.topic = topic.name;
+      table.json = happens_now_and_then(topic.type);
+      for (const FlatField& field : fields) {
+        table.columns.push_back(
+            {field.name == "stamp" ? "t" : field.name, kind_of(field), 0, false, field.unit, field.parts});
+      }
+      if (table.json) table.columns.push_back({"json", NpzWriter::Kind::text, 0, false, {}, {}});
+    }
+    for (std::size_t i = 0; i < fields.size(); ++i) {
+      table.columns[i].width = std::max(table.columns[i].width, width_of(fields[i]));
+      table.columns[i].matrix =
+          fields[i].list || (kind_of(fields[i]) != NpzWriter::Kind::text && width_of(fields[i]) > 1);
+    }
+    if (table.json) {
+      table.columns.back().width = std::max(table.columns.back().width, code_point_count(as_json(fields)));
+    }
+    ++table.rows;
+    ++result.messages;
+  });
   if (tables.empty()) {
     throw std::runtime_error(log.string() + " has no message to export: expected those of a run, such as " +
                              std::string(msg::ArmState::kType) + "; its topics: " + topics);
   }
   return tables;
+}
+
+// The topic's table with a row for this message; none: the log grew after it was measured.
+Table* table_with_row(std::map<std::string, Table>& tables, Topic& topic) {
+  if (topic.table == nullptr) {
+    const auto found = tables.find(topic.name);
+    if (found == tables.end()) return nullptr;
+    topic.table = &found->second;
+  }
+  return topic.table->done++ < topic.table->rows ? topic.table : nullptr;
 }
 
 std::string without_slash(std::string_view topic) {
@@ -285,7 +369,7 @@ void append_cells(std::string& line, const std::vector<T>& values, std::size_t w
 
 ExportResult export_csv(const std::filesystem::path& log, const std::filesystem::path& directory) {
   ExportResult result;
-  const auto tables = measure(log, result);
+  auto tables = measure(log, result);
   std::filesystem::create_directories(directory);
   std::map<std::string, std::ofstream> files;
   for (const auto& [topic, table] : tables) {
@@ -302,9 +386,10 @@ ExportResult export_csv(const std::filesystem::path& log, const std::filesystem:
     }
     file << line << '\n';
   }
-  read_log(log, nullptr, [&](const std::string& topic, const std::string&, const auto& fields) {
-    if (!tables.contains(topic)) return;  // the log grew after the first pass
-    const Table& table = tables.at(topic);
+  read_log(log, nullptr, [&](Topic& topic) {
+    if (table_with_row(tables, topic) == nullptr) return;
+    const Table& table = *topic.table;
+    const auto& fields = topic.fields;
     std::string line;
     bool first = true;
     for (std::size_t i = 0; i < fields.size(); ++i) {
@@ -321,7 +406,7 @@ ExportResult export_csv(const std::filesystem::path& log, const std::filesystem:
         append_cells(line, std::get<Numbers>(fields[i].values), width);
       }
     }
-    files.at(topic) << line << '\n';
+    files.at(topic.name) << line << '\n';
   });
   for (auto& [topic, file] : files) {
     file.close();
@@ -334,28 +419,24 @@ ExportResult export_csv(const std::filesystem::path& log, const std::filesystem:
 
 ExportResult export_npz(const std::filesystem::path& log, const std::filesystem::path& file) {
   ExportResult result;
-  const auto tables = measure(log, result);
+  auto tables = measure(log, result);
   std::vector<NpzWriter::Array> arrays;
-  std::map<std::string, std::size_t> first_array;  // of a topic
-  for (const auto& [topic, table] : tables) {
-    first_array[topic] = arrays.size();
+  for (auto& [topic, table] : tables) {
+    table.first_array = arrays.size();
     for (const Column& column : table.columns) {
       arrays.push_back(
           {without_slash(topic) + "/" + column.name, column.kind, table.rows, column.width, column.matrix});
     }
   }
   NpzWriter writer(file, std::move(arrays));
-  std::map<std::string, std::size_t> rows;
-  read_log(log, nullptr, [&](const std::string& topic, const std::string&, const auto& fields) {
-    if (!tables.contains(topic) || rows[topic]++ >= tables.at(topic).rows)
-      return;  // the log grew after the first
-               // pass
-    std::size_t array = first_array.at(topic);
-    for (const FlatField& field : fields) {
+  read_log(log, nullptr, [&](Topic& topic) {
+    if (table_with_row(tables, topic) == nullptr) return;
+    std::size_t array = topic.table->first_array;
+    for (const FlatField& field : topic.fields) {
       std::visit([&](const auto& values) { writer.add(array, values); }, field.values);
       ++array;
     }
-    if (tables.at(topic).json) writer.add(array, as_json(fields));
+    if (topic.table->json) writer.add(array, as_json(topic.fields));
   });
   writer.close();
   result.files.push_back(file);

@@ -124,7 +124,8 @@ def generate(messages):
             f"  auto fields() const {{ return std::tie({members}); }}",
             "};",
         ]
-    own = ", ".join(m.name for m in in_order(messages) if m.package == OWN_PACKAGE)
+    parts = {key for message in messages.values() for key in message.uses()}
+    own = ", ".join(m.name for m in in_order(messages) if m.package == OWN_PACKAGE and m.key not in parts)
     out += ["", f"using OwnMessages = std::tuple<{own}>;", "", "}  // namespace multipanda::msg", ""]
     return "\n".join(out)
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstring>
 #include <limits>
 #include <stdexcept>
 
@@ -10,20 +11,32 @@
 namespace multipanda {
 namespace {
 
-constexpr std::array<std::uint32_t, 256> kCrcTable = [] {
-  std::array<std::uint32_t, 256> table{};
+// kCrcTables[k][i]: of byte i followed by k zeros, so that eight bytes take one step.
+constexpr auto kCrcTables = [] {
+  std::array<std::array<std::uint32_t, 256>, 8> tables{};
   for (std::uint32_t i = 0; i < 256; ++i) {
     std::uint32_t c = i;
     for (int bit = 0; bit < 8; ++bit) c = (c & 1u) != 0 ? 0xEDB88320u ^ (c >> 1) : c >> 1;
-    table[i] = c;
+    tables[0][i] = c;
   }
-  return table;
+  for (std::size_t k = 1; k < 8; ++k) {
+    for (std::size_t i = 0; i < 256; ++i)
+      tables[k][i] = tables[0][tables[k - 1][i] & 0xFFu] ^ (tables[k - 1][i] >> 8);
+  }
+  return tables;
 }();
 
 // CRC-32 as in zip; `crc` continues an earlier one.
 std::uint32_t crc32(std::string_view bytes, std::uint32_t crc) {
   crc = ~crc;
-  for (const char c : bytes) crc = kCrcTable[(crc ^ static_cast<std::uint8_t>(c)) & 0xFFu] ^ (crc >> 8);
+  for (; bytes.size() >= 8; bytes.remove_prefix(8)) {
+    std::uint64_t word = 0;
+    std::memcpy(&word, bytes.data(), 8);
+    word ^= crc;
+    crc = 0;
+    for (std::size_t k = 0; k < 8; ++k) crc ^= kCrcTables[7 - k][word >> (8 * k) & 0xFFu];
+  }
+  for (const char c : bytes) crc = kCrcTables[0][(crc ^ static_cast<std::uint8_t>(c)) & 0xFFu] ^ (crc >> 8);
   return ~crc;
 }
 
@@ -80,6 +93,11 @@ std::u32string code_points(std::string_view utf8) {
   return out;
 }
 
+std::size_t code_point_count(std::string_view utf8) {
+  const bool ascii = std::ranges::all_of(utf8, [](char c) { return static_cast<std::uint8_t>(c) < 0x80; });
+  return ascii ? utf8.size() : code_points(utf8).size();
+}
+
 std::size_t NpzWriter::Entry::row_bytes() const { return array.width * (array.kind == Kind::text ? 4 : 8); }
 
 NpzWriter::NpzWriter(const std::filesystem::path& path, std::vector<Array> arrays)
@@ -105,27 +123,32 @@ NpzWriter::NpzWriter(const std::filesystem::path& path, std::vector<Array> array
   }
 }
 
-void NpzWriter::add(std::size_t index, const std::vector<double>& row) {
+template <typename T>
+void NpzWriter::add_numbers(std::size_t index, const std::vector<T>& row, T missing) {
   Entry& entry = entries_.at(index);
-  for (std::size_t i = 0; i < entry.array.width; ++i) {
-    const double value = i < row.size() ? row[i] : std::numeric_limits<double>::quiet_NaN();
-    add_bytes(entry, {reinterpret_cast<const char*>(&value), sizeof(value)});
-  }
+  const std::size_t count = std::min(row.size(), entry.array.width);
+  add_bytes(entry, {reinterpret_cast<const char*>(row.data()), count * sizeof(T)});
+  for (std::size_t i = count; i < entry.array.width; ++i)
+    add_bytes(entry, {reinterpret_cast<const char*>(&missing), sizeof(missing)});
+}
+
+void NpzWriter::add(std::size_t index, const std::vector<double>& row) {
+  add_numbers(index, row, std::numeric_limits<double>::quiet_NaN());
 }
 
 void NpzWriter::add(std::size_t index, const std::vector<std::int64_t>& row) {
-  Entry& entry = entries_.at(index);
-  for (std::size_t i = 0; i < entry.array.width; ++i) {
-    const std::int64_t value = i < row.size() ? row[i] : 0;
-    add_bytes(entry, {reinterpret_cast<const char*>(&value), sizeof(value)});
-  }
+  add_numbers(index, row, std::int64_t{0});
 }
 
 void NpzWriter::add(std::size_t index, std::string_view utf8) {
   Entry& entry = entries_.at(index);
-  std::u32string row = code_points(utf8);
-  row.resize(entry.array.width, U'\0');
-  add_bytes(entry, {reinterpret_cast<const char*>(row.data()), row.size() * sizeof(char32_t)});
+  if (entry.points.empty() || utf8 != entry.text) {
+    entry.text = utf8;
+    entry.points = code_points(utf8);
+    entry.points.resize(entry.array.width, U'\0');
+  }
+  add_bytes(entry,
+            {reinterpret_cast<const char*>(entry.points.data()), entry.points.size() * sizeof(char32_t)});
 }
 
 void NpzWriter::add_bytes(Entry& entry, std::string_view bytes) {

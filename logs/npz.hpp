@@ -44,9 +44,13 @@ class NpzWriter {
     std::uint64_t written = 0;  // bytes of the array's data
     std::uint32_t crc = 0;
     std::string buffer;
+    std::string text;  // of the latest row
+    std::u32string points;
     std::size_t row_bytes() const;
     std::uint64_t file_bytes() const { return header.size() + array.rows * row_bytes(); }
   };
+  template <typename T>
+  void add_numbers(std::size_t index, const std::vector<T>& row, T missing);
   void add_bytes(Entry& entry, std::string_view bytes);
   void flush(Entry& entry);
   std::string local_header(const Entry& entry) const;
@@ -61,6 +65,6 @@ class NpzWriter {
 std::u32string code_points(std::string_view utf8);
 
 // Length of code_points(utf8), the width of a text array.
-inline std::size_t code_point_count(std::string_view utf8) { return code_points(utf8).size(); }
+std::size_t code_point_count(std::string_view utf8);
 
 }  // namespace multipanda

@@ -190,12 +190,19 @@ class ReadBack(Counted):
             self.assertEqual(event["arms"], ["t7"])  # behind stamp (2), cycle, kind, verdict, request
             self.assertEqual(event["cycle"], 3)
             for name in arrays.files:
-                self.assertEqual(len(arrays[name]), COUNT, name)
+                if not name.startswith("test/ControlletOutputs/"):
+                    self.assertEqual(len(arrays[name]), COUNT, name)
+            # The only output "t5" is in message 1, behind stamp (2), cycle and instance.
+            output = {name: arrays[f"test/ControlletOutputs/t5/{name}"].tolist() for name in ("t", "cycle", "values")}
+            self.assertEqual(output, {"t": [1 + 2e-9], "cycle": [3], "values": [[6.25]]})
 
     def test_csv(self):
         folder = self.path / "csv"
         tool("csv", self.log, folder)
-        self.assertEqual(sorted(p.stem for p in folder.iterdir()), ["test_" + t for t in TYPES])
+        tables = {p.stem for p in folder.iterdir()}
+        outputs = {name for name in tables if name.startswith("test_ControlletOutputs_")}
+        self.assertEqual(tables - outputs, {"test_" + t for t in TYPES} - {"test_ControlletOutputs"})
+        self.assertEqual((folder / "test_ControlletOutputs_t5.csv").read_text(), "t_s,cycle,values_1\n1.000000002,3,6.25\n")
         with open(folder / "test_ArmState.csv", newline="") as stream:
             rows = list(csv.DictReader(stream))
         self.assertEqual(len(rows), COUNT)

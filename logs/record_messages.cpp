@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <stdexcept>
 
 #include <nlohmann/json.hpp>
@@ -108,11 +109,9 @@ Recorder::Sink::Sink(const std::filesystem::path& log, const RecordLayout& layou
     for (const auto& input : instance.inputs) {
       inputs.push_back(writer_.add_channel<msg::Reference>("/" + instance.name + "/" + input.name));
     }
-    auto& outputs = output_channels_.emplace_back();
-    for (const auto& output : instance.outputs) {
-      outputs.push_back(
-          writer_.add_channel<msg::ControlletOutput>("/" + instance.name + "/outputs/" + output.name));
-    }
+    output_channels_.push_back(instance.outputs.empty() ? std::uint16_t{0}
+                                                        : writer_.add_channel<msg::ControlletOutputs>(
+                                                              "/" + instance.name + "/outputs"));
   }
   if (options_.objects != nullptr) {
     for (const auto& name : options_.objects->names())
@@ -280,21 +279,29 @@ void Recorder::Sink::write_references(const CycleRecord& record) {
   }
 }
 
+// One message of an instance, since each message costs 16 bytes of index. The numbers are rounded to those of
+// a float: the digits behind them take most of the space and mean nothing.
 void Recorder::Sink::write_outputs(const CycleRecord& record) {
-  output_.stamp = to_time(record.t.ns);
-  output_.cycle = record.cycle;
+  outputs_.stamp = to_time(record.t.ns);
+  outputs_.cycle = record.cycle;
   for (std::size_t i = 0; i < layout_.instances.size(); ++i) {
     const auto& instance = layout_.instances[i];
-    for (std::size_t k = 0; k < instance.outputs.size(); ++k) {
-      const auto& output = instance.outputs[k];
-      const auto begin = record.outputs.begin() + static_cast<std::ptrdiff_t>(output.offset);
-      const auto end = begin + static_cast<std::ptrdiff_t>(output.size);
-      if (std::all_of(begin, end, [](double value) { return std::isnan(value); })) continue;  // not active
-      output_.instance = instance.name;
-      output_.name = output.name;
-      output_.values.assign(begin, end);
-      writer_.write(output_channels_[i][k], log_time(record.t), output_);
+    std::size_t count = 0;
+    outputs_.outputs.resize(instance.outputs.size());
+    for (const auto& output : instance.outputs) {
+      const auto numbers = std::span(record.outputs).subspan(output.offset, output.size);
+      if (std::ranges::all_of(numbers, [](double value) { return std::isnan(value); }))
+        continue;  // not active
+      msg::OutputValues& out = outputs_.outputs[count++];
+      out.name = output.name;
+      out.values.resize(numbers.size());
+      std::ranges::transform(numbers, out.values.begin(),
+                             [](double value) { return static_cast<double>(static_cast<float>(value)); });
     }
+    if (count == 0) continue;
+    outputs_.outputs.resize(count);
+    outputs_.instance = instance.name;
+    writer_.write(output_channels_[i], log_time(record.t), outputs_);
   }
 }
 

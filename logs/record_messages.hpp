@@ -73,13 +73,13 @@ class Recorder::Sink {
   McapWriter writer_;
   std::vector<Arm> arms_;
   std::vector<std::vector<std::uint16_t>> reference_channels_;  // by instance and input
-  std::vector<std::vector<std::uint16_t>> output_channels_;     // by instance and output
+  std::vector<std::uint16_t> output_channels_;                  // by instance
   std::vector<std::uint16_t> object_channels_;                  // by name
   std::uint16_t event_channel_ = 0, switch_channel_ = 0, switch_timing_channel_ = 0,
                 intervention_channel_ = 0, timing_channel_ = 0;
   msg::ObjectPose object_;
   msg::Reference reference_;
-  msg::ControlletOutput output_;
+  msg::ControlletOutputs outputs_;
   std::map<std::pair<std::uint16_t, Intervention>, std::uint64_t> intervention_counts_;  // by arm
   std::uint64_t cycles_ = 0, last_cycle_ = 0, cycles_lost_ = 0;
   HostTime first_start_;

@@ -182,9 +182,17 @@ TEST(Recorder, FourArmsEverySample) {
       ASSERT_EQ(references[c - 1].kind, "pose");
       ASSERT_EQ(references[c - 1].frame, "world");
     }
-    EXPECT_EQ(
-        read<msg::ControlletOutput>(log, "/law" + std::to_string(i) + "/outputs/position_error_m").size(),
-        i == 0 ? kCycles : 0u);
+    const auto outputs = read<msg::ControlletOutputs>(log, "/law" + std::to_string(i) + "/outputs");
+    ASSERT_EQ(outputs.size(), i == 0 ? kCycles : 0u);
+    for (std::uint64_t c = 1; c <= outputs.size(); ++c) {
+      ASSERT_EQ(outputs[c - 1].cycle, c);
+      ASSERT_EQ(outputs[c - 1].instance, layout.instances[i].name);
+      ASSERT_EQ(outputs[c - 1].outputs.size(), 1u);
+      const msg::OutputValues& output = outputs[c - 1].outputs[0];
+      ASSERT_EQ(output.name, "position_error_m");
+      for (std::size_t k = 0; k < 3; ++k)
+        ASSERT_NEAR(output.values.at(k), value(c, i, k, 10), std::ldexp(std::abs(value(c, i, k, 10)), -24));
+    }
   }
   const auto wrenches = read<msg::ArmWrench>(log, "/arm0/wrench");
   ASSERT_EQ(wrenches.size(), kCycles);

@@ -152,6 +152,7 @@ void LogTable::take(const McapReader::Message& message) {
   const bool of_cycle = holds<msg::ArmState>(*message.schema) || holds<msg::ArmCommand>(*message.schema) ||
                         holds<msg::ArmWrench>(*message.schema) || holds<msg::Reference>(*message.schema) ||
                         holds<msg::ControlletOutput>(*message.schema) ||
+                        holds<msg::ControlletOutputs>(*message.schema) ||
                         holds<msg::CycleTiming>(*message.schema);
   if (holds<msg::ObjectPose>(*message.schema)) return take_object(message);
   if (holds<msg::ArmReport>(*message.schema)) {
@@ -238,6 +239,12 @@ void LogTable::put_quantities(const Arm& of, const auto& message) {
                   [&](const char* name, const std::vector<double>& numbers) { put(of, name, numbers); });
 }
 
+void LogTable::put_output(const std::string& instance, const std::string& output,
+                          const std::vector<double>& values) {
+  const auto place = places_.find(instance + "/outputs/" + output);
+  if (place != places_.end()) put(place->second.first, values, place->second.second);
+}
+
 void LogTable::take_numbers(const McapReader::Message& message) {
   if (holds<msg::ArmState>(*message.schema)) {
     const auto state = from_cdr<msg::ArmState>(message.data);
@@ -261,8 +268,10 @@ void LogTable::take_numbers(const McapReader::Message& message) {
     if (place != places_.end()) put(place->second.first, reference.value, place->second.second);
   } else if (holds<msg::ControlletOutput>(*message.schema)) {
     const auto output = from_cdr<msg::ControlletOutput>(message.data);
-    const auto place = places_.find(output.instance + "/outputs/" + output.name);
-    if (place != places_.end()) put(place->second.first, output.values, place->second.second);
+    put_output(output.instance, output.name, output.values);
+  } else if (holds<msg::ControlletOutputs>(*message.schema)) {
+    const auto message_of = from_cdr<msg::ControlletOutputs>(message.data);
+    for (const auto& output : message_of.outputs) put_output(message_of.instance, output.name, output.values);
   } else {
     const auto timing = from_cdr<msg::CycleTiming>(message.data);
     constexpr double kNs = 1e9;

@@ -75,6 +75,7 @@ class LogTable {
   void put(std::size_t at, const std::vector<double>& values, std::size_t most);
   void put(const Arm& of, const std::string& field, const std::vector<double>& values);
   void put_quantities(const Arm& of, const auto& message);
+  void put_output(const std::string& instance, const std::string& output, const std::vector<double>& values);
 
   const std::size_t most_;
   std::string name_;

@@ -20,6 +20,7 @@ inline bool operator==(const Quaternion& a, const Quaternion& b) { return a.fiel
 inline bool operator==(const Pose& a, const Pose& b) { return a.fields() == b.fields(); }
 inline bool operator==(const Twist& a, const Twist& b) { return a.fields() == b.fields(); }
 inline bool operator==(const Wrench& a, const Wrench& b) { return a.fields() == b.fields(); }
+inline bool operator==(const OutputValues& a, const OutputValues& b) { return a.fields() == b.fields(); }
 }  // namespace msg
 
 // Visits every primitive of a message in order; `leaf` sets it to a number or a string.
