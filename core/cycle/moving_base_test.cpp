@@ -439,6 +439,61 @@ TEST_F(MovingBaseLoop, TheCarrierBearsWhatTheCarriedHandPresses) {
   }
 }
 
+// A load of either arm changes the momentum that both observers count, and not what pushes on them.
+TEST_F(MovingBaseLoop, ALoadOfOneArmIsNoForceOnTheOther) {
+  double push = 0;
+  std::uint32_t loads = 0;
+  world.tamper = [&](ArmIndex arm, std::uint64_t, ArmState& state) {
+    if (arm == kCarried) state.tau_J[3] += push;
+    if (arm == kCarrier) state.config_version = loads;
+  };
+  const auto felt = [&] { return cycle.data().state[kCarried].tau_ext_hat[3]; };
+  steps(200);
+  const double before = felt();  // this world's arms do not feel each other
+  push = 4;
+  steps(200);
+  EXPECT_NEAR(felt() - before, push, 0.01 * push);
+  ++loads;
+  steps(1);
+  for (const ArmIndex arm : {kCarrier, kCarried}) EXPECT_EQ(cycle.data().state[arm].tau_ext_hat.norm(), 0);
+  steps(200);
+  EXPECT_NEAR(felt() - before, push, 0.01 * push);
+}
+
+// The first arm of the scene stands on the second link of the second arm.
+TEST(MovingBaseOrder, AnArmMayStandOnALaterOneBehindAnyJoint) {
+  test::TestArm torso = TestArm::make(8, 1);
+  torso.links[1].X_PJ.rotation = Matrix3::Identity();  // its second axis is vertical, too
+  const std::vector arms{TestArm::make(7, 2).model({}, "right"), torso.model({}, "left")};
+  CycleConfig config =
+      test::test_config(arms, {{.name = "hand", .type = "cartesian_impedance", .arms = {0}},
+                               {.name = "own", .type = "cartesian_impedance", .arms = {1}},
+                               {.name = "guided", .type = "gravity_compensation", .arms = {1}}});
+  config.arms[0].mount = BaseMount{.carrier = 1, .joint = 1, .X_JB = kMount.X_JB};
+  test::TestLoop loop(arms, config, Registry::with_builtins());
+  loop.steps(2);
+  EXPECT_EQ(loop.activate({"own"}).verdict, Verdict::start_refused) << "beside the hold of the carried arm";
+  ASSERT_TRUE(loop.activate({"guided"}).accepted());
+  loop.world.set_velocity(1, JointVector::Unit(8, 1) * 0.3);
+  loop.step();
+  ModelTerms& carrier = const_cast<ModelTerms&>(loop.cycle.data().terms[1]);
+  ModelTerms& carried = const_cast<ModelTerms&>(loop.cycle.data().terms[0]);
+  const double brake = loop.cycle.data().tau_controllet[1][1] - carrier.c()[1];
+  EXPECT_NEAR(brake, -(2.0 * carrier.M()(1, 1) + 0.1) * loop.cycle.data().state[1].dq[1], 1e-9);
+  // It bears the moment of the hand that presses about that axis.
+  ASSERT_TRUE(loop.activate({"hand"}).accepted());
+  loop.world.set_position(0, loop.world.position(0) + JointVector::Constant(7, 0.02));
+  for (const ArmIndex arm : {0, 1}) loop.world.set_velocity(arm, 0 * loop.world.velocity(arm));
+  loop.step();
+  const Vector6 F = carried.task().J_bar.transpose() * loop.cycle.data().tau_controllet[0];
+  const Vector3 lever = carried.X_WE().position - carrier.X_WJ(1).position;
+  EXPECT_NEAR(loop.cycle.data().tau_controllet[1][1], lever.cross(Vector3(F.head<3>())).z() + F[5], 1e-9);
+  EXPECT_GT(F.norm(), 1);
+  loop.modes().stop(ArmSet::of(0));
+  loop.step();
+  EXPECT_EQ(loop.modes().stopped(), ArmSet::all(2));
+}
+
 std::string refused_by(const CycleConfig& config, Backend& world) {
   try {
     const ControlCycle cycle(config, Registry::with_builtins(), world);

@@ -38,12 +38,20 @@ TEST(GripperRequests, OfAVacuumHaveBounds) {
   EXPECT_EQ(check(VacuumOn{}), "");
   EXPECT_EQ(check(VacuumDrop{}), "");
   EXPECT_EQ(check(VacuumStop{}), "");
+  for (const double mbar : {50.0, 1000.0}) EXPECT_EQ(check(VacuumOn{.pressure_mbar = mbar}), "");
   for (const double mbar : {-3.0, 1.0, 49.0, 1001.0, 1e300, std::nan("")})
     EXPECT_EQ(check(VacuumOn{.pressure_mbar = mbar}), "the vacuum must be 50 to 1000 mbar");
   for (const double timeout : {0.0, 61.0, 1e300, std::nan("")}) {
     EXPECT_EQ(check(VacuumOn{.timeout_s = timeout}), "the timeout must be above 0 and at most 60 s");
     EXPECT_EQ(check(VacuumDrop{timeout}), "the timeout must be above 0 and at most 60 s");
   }
+}
+
+TEST(RequestTimes, TheLatestStartIsInTime) {
+  const HostTime now = host_now();
+  EXPECT_FALSE(is_past(nullptr, now));
+  for (const int late : {-1, 0, 1})
+    EXPECT_EQ(is_past(std::make_shared<const std::atomic<std::int64_t>>(now.ns - late), now), late > 0);
 }
 
 // What a request declares, as programs see it. "key" is required, "key?" optional; "+" is positive, "0" zero

@@ -215,6 +215,31 @@ TEST(Fences, ACommonPoseLeadsTheToolsOfBothHands) {
   }
 }
 
+// The hands are between their arms, where neither arm reaches alone.
+TEST(Fences, ACommonPoseIsWhereTheMiddleOfTheHandsMayBe) {
+  std::vector<std::shared_ptr<const ArmModel>> arms;
+  for (const double y : {-1.5, 1.5})
+    arms.push_back(test::TestArm::make().model({Matrix3::Identity(), {4, y, 0}}, y < 0 ? "right" : "left"));
+  test::TestLoop loop(
+      arms, test::test_config(arms, {{.name = "both", .type = "dual_cartesian_impedance", .arms = {0, 1}}}),
+      Registry::with_builtins());
+  loop.world.tamper = [](ArmIndex, std::uint64_t, ArmState& state) { state.config_version = 1; };
+  loop.steps(2);
+  ASSERT_TRUE(loop.activate({"both"}).accepted());
+  const auto goal = [&](const Vector3& p) {
+    return loop.ask({.kind = Request::Kind::set_target,
+                     .instance = loop.find("both"),
+                     .target = pose_target({Matrix3::Identity(), p})});
+  };
+  double length = test::TestArm::make().X_JF.position.norm();
+  for (std::size_t i = 1; i < 7; ++i) length += test::TestArm::make().links[i].X_PJ.position.norm();
+  ASSERT_LT(length, 1.5) << "else each arm reaches the middle by itself";
+  const Vector3 middle(4, 0, 0.3);  // of the first joints
+  for (const double share : {0.0, 0.99})
+    EXPECT_TRUE(goal(middle + share * length * Vector3::UnitX()).accepted()) << share;
+  EXPECT_EQ(goal(middle + 1.01 * length * Vector3::UnitX()).verdict, Verdict::out_of_bounds);
+}
+
 // The hand is at the flange, and what it carries ends half a meter beside it.
 TEST(Fences, JointsLeadTheToolNoFasterThanAHand) {
   const Vector3 tool_end(0.3, 0.4, 0);

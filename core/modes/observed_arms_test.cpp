@@ -47,7 +47,7 @@ struct Observed : testing::Test {
               watch("w10", 1, 0),
               {.name = "s1", .type = "spring", .arms = {1}},
               {.name = "s2", .type = "spring", .arms = {2}}},
-             registry()) {
+             registry(), 64) {
     loop.world.tamper = [this](ArmIndex arm, std::uint64_t, ArmState& state) {
       if (arm == 1) state.mode = leader_mode;
       if (arm == 1 && broken) state.q[0] = std::nan("");
@@ -130,6 +130,19 @@ TEST_F(Observed, AreWaitedForSomeSecondsOnly) {
     EXPECT_EQ(runs("w01"), ends == Ends::in_time) << static_cast<int>(ends);
     ASSERT_TRUE(loop.ask({.deactivate = loop.set({"w01"})}).accepted());
   }
+}
+
+// As a start of a stopped arm: it is canceled, and nothing is refused.
+TEST_F(Observed, ThatAreStoppedCancelWhatWaits) {
+  loop.modes().stop(ArmSet::of(1));
+  loop.step();
+  loop.modes().start_when_ready(loop.set({"w01"}));
+  loop.modes().set_ready(ArmSet::of(0));
+  loop.steps(5500);
+  RecordRing& ring = *loop.cycle.record();
+  for (const Event* event; (event = ring.events.front()) != nullptr; ring.events.pop())
+    EXPECT_NE(event->kind, EventKind::switch_refused);
+  EXPECT_FALSE(runs("w01"));
 }
 
 TEST_F(Observed, MayBeGuidedByHand) {
