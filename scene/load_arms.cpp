@@ -21,8 +21,7 @@ void check_inertia(const Archive& archive, const Matrix3& I) {
   if (moments[0] < -slack || moments[0] + moments[1] < moments[2] - slack) {
     archive.self().refuse(
         "inertia is not physically consistent: expected principal moments of at least 0, each at most the "
-        "sum "
-        "of the other two, found " +
+        "sum of the other two, found " +
         number_text(moments[0]) + ", " + number_text(moments[1]) + ", " + number_text(moments[2]));
   }
 }

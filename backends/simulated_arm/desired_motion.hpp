@@ -37,7 +37,8 @@ struct DesiredState {
   Twist V_BE_d, V_BE_c;              // O_dP_EE_d, O_dP_EE_c
   Vector6 A_BE_d = Vector6::Zero();  // not published; for the arm's own controllers [m/s^2, rad/s^2]
   Vector6 A_BE_c = Vector6::Zero();  // O_ddP_EE_c [m/s^2, rad/s^2]
-  // elbow_c: as commanded; elbow_d: of q_d, also without a command. Second entries of the differences: 0.
+  // elbow_d: that of q_d. elbow_c: as commanded; without a command elbow_d and joint 3's derivatives. Second
+  // entries of the derivatives: 0.
   Elbow elbow_d{}, elbow_c{}, delbow_c{}, ddelbow_c{};
 };
 
