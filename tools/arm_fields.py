@@ -2,7 +2,7 @@
 """Compares messages and docs with the quantities that core/record/arm_sample.hpp declares; prints faults, ends with 1.
 
 arm_fields.py           checks that the messages of logs and ROS hold each quantity, with its type and unit
-arm_fields.py --write   appends what a message lacks, and writes the table of docs/shared_records.md
+arm_fields.py --write   appends what a message lacks, and writes the table of docs/live_input.md
 """
 
 import ast
