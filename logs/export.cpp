@@ -131,8 +131,7 @@ void flatten_into(const M& message, const std::string& prefix, std::string_view 
 
 struct Table;
 
-// What the tables and arrays of one name come from. A message of a controllet's outputs has a topic for each
-// output.
+// What the tables and arrays of one name come from. Each output in a message of outputs has a topic.
 struct Topic {
   std::string name;
   std::string type;

@@ -70,7 +70,7 @@ class Person:
             self.turned[arm].append((time.monotonic_ns(), self.at[arm]))
 
     def angles(self, arm, x_m, y_m, away_m, z_m):
-        """Of the pad beside a place."""
+        """Joints of the leader with the pad beside a place."""
         hand = self.hands[arm].position_m
         by = {"x": x_m - hand[0], "y": y_m + SIDE[arm] * away_m - hand[1], "z": z_m - hand[2]}
         return self.models[arm].inverse(self.hands[arm].moved(**by), self.at[arm])
