@@ -106,9 +106,8 @@ void set_values(FlatField& flat, const F& field) {
   }
 }
 
-// Sets `out` to the message's fields in the order of its definition. Names and units are those of the first
-// message. `units`: units of the enclosing field's quantities, in order; the fields of this message then have
-// none.
+// Sets `out` to the message's fields in the order of its definition; the first message gives names and units.
+// `units`: units of the enclosing field's quantities, in order; the fields of this message have no others.
 template <typename M>
 void flatten_into(const M& message, const std::string& prefix, std::string_view units,
                   std::vector<FlatField>& out, std::size_t& next) {
@@ -131,7 +130,7 @@ void flatten_into(const M& message, const std::string& prefix, std::string_view 
 
 struct Table;
 
-// What the tables and arrays of one name come from. Each output in a message of outputs has a topic.
+// The source of a table. Messages of a controllet's outputs have a topic for each output.
 struct Topic {
   std::string name;
   std::string type;

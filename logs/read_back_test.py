@@ -202,7 +202,9 @@ class ReadBack(Counted):
         tables = {p.stem for p in folder.iterdir()}
         outputs = {name for name in tables if name.startswith("test_ControlletOutputs_")}
         self.assertEqual(tables - outputs, {"test_" + t for t in TYPES} - {"test_ControlletOutputs"})
-        self.assertEqual((folder / "test_ControlletOutputs_t5.csv").read_text(), "t_s,cycle,values_1\n1.000000002,3,6.25\n")
+        self.assertEqual(
+            (folder / "test_ControlletOutputs_t5.csv").read_text(), "t_s,cycle,values_1\n1.000000002,3,6.25\n"
+        )
         with open(folder / "test_ArmState.csv", newline="") as stream:
             rows = list(csv.DictReader(stream))
         self.assertEqual(len(rows), COUNT)
