@@ -372,6 +372,35 @@ TEST(CoupledUfic, APushTowardsTheSetPointLetsGoOfNothing) {
   }
 }
 
+// Held 0.1 m beside their set-points: the more loaded hand pulls with the bound, the other with less.
+TEST(CoupledUfic, SpringsPullWithNoMoreThanTheBoundsForContact) {
+  Draw draw(113);
+  int compared = 0;
+  for (int trial = 0; trial < 12; ++trial) {
+    Bench bench;
+    bench.rig.bound({.hand_speed = 0.25, .spring_force = 30, .spring_moment = 10});
+    bench.place(bent(7), bent(6));
+    ASSERT_EQ(bench.rig.start(), LawResult::ok);
+    bench.ticks(10);
+    VectorXd twist = VectorXd::Zero(6);
+    twist.head<3>() = 0.1 * draw.vector3(1).normalized();
+    const auto beside = [&](std::size_t i, const VectorXd& q) {
+      return VectorXd(q + least_squares(bench.plain[i].jacobian(q), twist));
+    };
+    bench.place(beside(0, bent(7)), beside(1, bent(6)));
+    bench.ticks(1);
+    double most = 0;
+    for (std::size_t i = 0; i < 2; ++i) {
+      const Vector6 F = bench.rig.terms(i).task().J_bar.transpose() * bench.rig.tau(i);
+      most = std::max({most, F.head<3>().norm() / 30, F.tail<3>().norm() / 10});
+    }
+    if (bench.rig.terms(0).task().floored || bench.rig.terms(1).task().floored) continue;  // shows less
+    EXPECT_NEAR(most, 1, 1e-6) << "trial " << trial;
+    ++compared;
+  }
+  EXPECT_GE(compared, 3);
+}
+
 // A mass that is declared and not there lifts the hands: at most what both arms carry, and slowly.
 TEST(CoupledUfic, TheObjectsMassIsBoundedAndComesInSlowly) {
   const auto model_of = [](std::size_t joints, const Pose& X_WB, double largest_load) {
@@ -472,6 +501,18 @@ TEST(CoupledUfic, TheVerticalForceIsTheIntegralOfTheErrorAndFadesAfterAGrasp) {
   const double released = bench.number("vertical_force_n");
   bench.ticks(200);
   EXPECT_NEAR(bench.number("vertical_force_n") / released, std::exp(-1), 1e-3);
+}
+
+// Nothing would pay for it: it would act at once when energy returns.
+TEST(CoupledUfic, TheVerticalForceDoesNotWindUpOnAnEmptyTank) {
+  Bench bench;
+  bench.rig.set("tank_start_j", {0});
+  bench.rig.set("vertical_integral_n_per_m_s", {100});
+  bench.grasp(12, 12);
+  const Pose start = bench.rig.input("pose").pose();
+  bench.rig.input("pose").set(pose_target({start.rotation, start.position + Vector3(0, 0, 0.02)}));
+  bench.ticks(1000);
+  EXPECT_EQ(bench.number("vertical_force_n"), 0);
 }
 
 TEST(CoupledUfic, ContactCausesNoStep) {

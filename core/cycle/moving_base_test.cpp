@@ -516,7 +516,7 @@ class Other final : public Backend {
 
   std::size_t arm_count() const override { return world_.arm_count(); }
   Capabilities capabilities(ArmIndex arm) const override {
-    return {.simulated = arm != real, .has_external_torque = arm == estimating};
+    return {.simulated = arm != real && arm < arm_count(), .has_external_torque = arm == estimating};
   }
   ArmSet wait() override { return world_.wait(); }
   LoopTime now() const override { return world_.now(); }

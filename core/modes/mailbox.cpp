@@ -26,7 +26,7 @@ std::uint64_t Mailbox::post(std::span<const Request> requests, double patience_s
   stages_[last % kStages].store(word(last, waiting), std::memory_order_relaxed);  // published by the ring
   for (std::size_t i = 0; i < requests.size(); ++i) {
     posted.request = requests[i];
-    posted.request.batch = static_cast<std::uint16_t>(i == 0 ? requests.size() : 1);
+    posted.request.batch = static_cast<std::uint16_t>(requests.size());
     posted.ticket = next_ticket_++;
     ring_.push(posted);
   }
@@ -42,7 +42,7 @@ bool Mailbox::withdraw(std::uint64_t ticket) {
 const Mailbox::Posted* Mailbox::front() {
   const Posted* posted = ring_.front();
   if (posted == nullptr || in_batch()) return posted;
-  // The first request of a batch stores its size. Take none before all have arrived.
+  // None of a batch before all have arrived.
   batch_ = posted->request.batch;
   return ring_.size() < batch_ ? nullptr : posted;
 }
