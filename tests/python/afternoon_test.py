@@ -136,6 +136,7 @@ def spread(what, values):
 
 class Afternoon(unittest.TestCase):
     def setUp(self):
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # else ignored, as behind nohup, also by record.py
         self.stack, self.random = contextlib.ExitStack(), np.random.default_rng(7)
         self.addCleanup(self.stack.close)
         folder = self.folder = pathlib.Path(tempfile.mkdtemp(dir=FOLDER))
