@@ -28,7 +28,7 @@ for package, extra in (("OpenGL", "cameras"), ("dynamixel_sdk", "leader")):
 import harness  # first: it sets the paths
 import multipanda as mp
 import numpy as np
-from harness import FOLDER, PATIENCE, ROOT, Silent, streaming, until
+from harness import FOLDER, PATIENCE, ROOT, Silent, until
 from leader_test import A, B, calibration, event, mounted, pose
 from lerobot_environment import export, python_with_arrow
 from multipanda.picture_log import read_pictures
@@ -113,14 +113,20 @@ def lags_s(turned, moved, window_s=2.0):
 
     Both are (times [s], angles of all joints).
     """
-    found = []
+    found, shifts = [], np.arange(0, 0.6, 0.002)
     for begin in np.arange(turned[0][0], turned[0][-1] - window_s, window_s):
-        rows = (turned[0] >= begin) & (turned[0] < begin + window_s)
-        k = int(np.argmax(np.ptp(turned[1][rows], axis=0))) if rows.sum() > 10 else 0
-        if rows.sum() > 10 and np.ptp(turned[1][rows, k]) > 0.05:
-            shifts = np.arange(0, 0.6, 0.002)
-            later = [np.interp(turned[0][rows] + shift, moved[0], moved[1][:, k]) for shift in shifts]
-            found.append(shifts[np.argmin([np.var(each - turned[1][rows, k]) for each in later])])
+        led, then = (
+            slice(*np.searchsorted(t, [begin, begin + window_s + by])) for t, by in ((turned[0], 0.0), (moved[0], 0.6))
+        )
+        if led.stop - led.start < 10 or then.stop - then.start < 10:
+            continue
+        k = int(np.argmax(np.ptp(turned[1][led], axis=0)))
+        if np.ptp(turned[1][led, k]) > 0.05:
+            errors = [
+                np.var(np.interp(turned[0][led] + shift, moved[0][then], moved[1][then, k]) - turned[1][led, k])
+                for shift in shifts
+            ]
+            found.append(shifts[np.argmin(errors)])
     return np.array(found)
 
 
@@ -130,7 +136,8 @@ def spread(what, values):
 
 class Afternoon(unittest.TestCase):
     def setUp(self):
-        self.stack = contextlib.ExitStack()
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # else ignored, as behind nohup, also by record.py
+        self.stack, self.random = contextlib.ExitStack(), np.random.default_rng(7)
         self.addCleanup(self.stack.close)
         folder = self.folder = pathlib.Path(tempfile.mkdtemp(dir=FOLDER))
         (folder / "multipanda").symlink_to(mp.program_path())
@@ -148,20 +155,20 @@ class Afternoon(unittest.TestCase):
         done = subprocess.run(
             words, env=self.environment, capture_output=True, text=True, timeout=PATIENCE + 60 * TRIALS
         )
-        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
-        print(done.stdout, done.stderr, end="", flush=True)
-        return done.stdout
+        print(done.stdout, done.stderr[-500:], flush=True)
+        return done.returncode, done.stdout + done.stderr
 
-    def record(self, run):
-        """Episodes by record.py, until enough have succeeded; returns the demonstrator."""
+    def record(self, run, count):
+        """Episodes by record.py, until enough have succeeded; fewer if this computer is too busy to lead arms."""
         leaders = {arm: mounted() for arm in ARMS}
         for servos in leaders.values():
             self.stack.callback(servos.close)
+        (self.folder / "pedal").unlink(missing_ok=True)
         os.mkfifo(self.folder / "pedal")
         pedal = os.open(self.folder / "pedal", os.O_RDWR)
         self.stack.callback(os.close, pedal)
         person = Person(run, leaders, pedal)
-        random, said, done = np.random.default_rng(7), [], 0
+        said, done = [], 0
         pictures = run.folder / "pictures.mcap"
         words = [EXAMPLE / "record.py", pictures, "--run", self.address(run), "--pedal", self.folder / "pedal"]
         words += ["--leaders", *(calibration(leaders[arm]) for arm in ARMS)]
@@ -175,22 +182,24 @@ class Afternoon(unittest.TestCase):
             def heard(word, count=1):
                 until(lambda: sum(word in line for line in said) >= count or program.poll() is not None, said)
                 if program.poll() is not None or sum("are held" in line for line in said):
-                    raise Silent  # this computer is too busy to lead arms
+                    raise Silent
 
             try:
                 heard("the arms follow")
-                while done < EPISODES:
-                    x, y = BOX_M[0] + random.uniform(-0.08, 0.08), random.uniform(-0.02, 0.02)
+                while done < count:
+                    x, y = BOX_M[0] + self.random.uniform(-0.08, 0.08), self.random.uniform(-0.02, 0.02)
                     run.place("box", [x, y, BOX_M[2] + 0.0005])
-                    done += person.demonstrate(x, y, random, lambda: heard("begins", done + 1))
-                    heard("success", done)
-                    print(f"{done} demonstrations", flush=True)
+                    lifted = person.demonstrate(x, y, self.random, lambda: heard("begins", done + 1))
+                    heard("success", done + lifted)
+                    done += lifted
+            except Silent:
+                pass
             finally:
                 program.send_signal(signal.SIGINT)
                 program.wait(PATIENCE)
                 reader.join()
-                print("".join(said))
-        return person
+                print("".join(said[-4:]), flush=True)
+        return person, done
 
     def latencies(self, run, person, offset_ns):
         log = mp.read_log(run.log)
@@ -204,16 +213,51 @@ class Afternoon(unittest.TestCase):
         spread("from a picture to the log", [each.age_s for each in pictures])
         spread("pairing error", [each.error_s for each in pictures])
 
-    @streaming
+    def recorded(self):
+        """The folders of logs with enough episodes."""
+        folders, missing = [], EPISODES
+        for _ in range(20):
+            with mp.run(SCENE, record=self.folder / f"runs{len(folders)}") as run:
+                newest = run.record()
+                person, done = self.record(run, missing)
+            if done:
+                folders.append(run.log.parent)
+                missing -= done
+                print(f"{missing} demonstrations are missing", flush=True)
+                if FULL:
+                    self.latencies(run, person, newest.start_ns - round(1e9 * newest.t_s))
+            if not missing:
+                return folders
+        raise AssertionError(f"{missing} demonstrations are missing: this computer is too busy to lead arms")
+
+    def driven(self, policy):
+        """Whether each trial succeeded; those in which a test elsewhere has stopped all arms are repeated."""
+        outcomes, batch = [], min(TRIALS, 5)
+        for attempt in range(20):
+            with mp.run(SCENE) as run:
+                start = run.arms["left"].state.q_rad
+                words = [policy, "--run", self.address(run), "--trials", batch, "--seed", 1000 + attempt]
+                code, said = self.command("drive.py", *words)
+                if code and re.search("stopped|not reached|did not answer|no picture", said):
+                    continue
+                self.assertEqual(code, 0, said)
+                self.assertTrue(all(run.arms[arm].state.held for arm in ARMS))
+                self.assertGreater(np.max(np.abs(run.arms["left"].state.q_rad - start)), 0.01)  # it did something
+            found = re.findall(r"^trial \d+: (success|failure)$", said, re.M)
+            self.assertEqual(len(found), batch)
+            count = found.count("success")
+            self.assertRegex(said, rf"(?m)^{count} of {batch} succeeded: \d+% to \d+% \(95 %, Wilson\)$")
+            outcomes += [each == "success" for each in found]
+            print(f"{sum(outcomes)} of {len(outcomes)}: {wilson(sum(outcomes), len(outcomes))}", flush=True)
+            if len(outcomes) >= TRIALS:
+                return outcomes
+        raise AssertionError("this computer is too busy to drive arms")
+
     def test_all_of_it(self):
-        with mp.run(SCENE, record=self.folder / "runs") as run:
-            newest = run.record()
-            person = self.record(run)
-        if FULL:
-            self.latencies(run, person, newest.start_ns - round(1e9 * newest.t_s))
+        folders = self.recorded()
         data, policy = self.folder / "lift", self.folder / "policy.npz"
         words = ["--fps", 10, "--observe", "joints,torques", "--task", "Lift the box"]
-        said = export(run.log.parent, "--lerobot", data, *words)
+        said = export(*folders, "--lerobot", data, *words)
         about = json.loads((data / "meta/info.json").read_text())
         late = said.count("left out: it has no picture of camera")  # a busy computer
         self.assertEqual(about["total_episodes"] + late, EPISODES, said)
@@ -224,20 +268,13 @@ class Afternoon(unittest.TestCase):
             self.assertEqual(episode["outcome"], "success")
             self.assertLess(max(episode["picture_age_s"].values()), 0.5)
             self.assertLess(max(episode["pairing_error_s"].values()), 0.1)
-        said = self.command("train.py", data, policy, "--steps", STEPS, python=python_with_arrow())
+        code, said = self.command("train.py", data, policy, "--steps", STEPS, python=python_with_arrow())
+        self.assertEqual(code, 0, said)
         losses = [float(x) for x in re.findall(r"loss ([\d.]+)", said)]
         self.assertEqual(len(losses), 10)
         self.assertLess(losses[-1], 0.3 * losses[0])
-        with mp.run(SCENE, record=self.folder / "driven") as run:
-            start = run.arms["left"].state.q_rad
-            said = self.command("drive.py", policy, "--run", self.address(run), "--trials", TRIALS)
-            self.assertTrue(all(run.arms[arm].state.held for arm in ARMS))
-            self.assertGreater(np.max(np.abs(run.arms["left"].state.q_rad - start)), 0.01)  # it did something
-        outcomes = re.findall(r"^trial \d+: (success|failure)$", said, re.M)
-        self.assertEqual(len(outcomes), TRIALS)
-        count = outcomes.count("success")
-        self.assertRegex(said, rf"(?m)^{count} of {TRIALS} succeeded: \d+% to \d+% \(95 %, Wilson\)$")
-        self.assertGreaterEqual(count, 0.5 * TRIALS if FULL else 0)
+        outcomes = self.driven(policy)
+        self.assertGreaterEqual(sum(outcomes), 0.5 * TRIALS if FULL else 0)
 
     def test_wilson(self):
         """Against the quadratic that the interval solves: (p - share)^2 = z^2 p (1 - p) / n."""
