@@ -67,6 +67,21 @@ void check_carried_arms(const Scene& scene, const BackendOptions& options) {
     refuse_carried_arms(scene, "a run with a real arm");
 }
 
+// A log has its own forces. Other backends neither simulate nor read a force sensor.
+void check_sensors(Scene& scene, const BackendOptions& options) {
+  using enum BackendKind;
+  if (options.kind == mujoco || options.kind == fci || options.kind == as_scene) return;
+  for (SceneArm& arm : scene.arms) {
+    if (arm.force_sensor && options.kind != replay) {
+      const std::string name = name_of(options.kind);
+      throw std::invalid_argument("arm '" + arm.name + "' has a force sensor, and the backend '" +
+                                  (name.empty() ? options.type : name) +
+                                  "' has none; use mujoco or fci, or remove 'force_sensor'");
+    }
+    arm.force_sensor.reset();
+  }
+}
+
 std::string describe(const Scene& scene) {
   std::string text;
   for (const auto& arm : scene.arms) {
@@ -200,6 +215,7 @@ Scene with_connections(Scene scene, const BackendOptions& given) {
   const BackendOptions options = chosen(scene, given);
   check_addresses(scene, options);
   check_carried_arms(scene, options);
+  check_sensors(scene, options);
   for (ArmIndex i = 0; i < scene.arms.size(); ++i) {
     SceneArm& arm = scene.arms[i];
     if (options.kind != BackendKind::as_scene && options.kind != BackendKind::fci) arm.fci.reset();
@@ -214,9 +230,13 @@ Scene with_connections(Scene scene, const BackendOptions& given) {
   }
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
     for (std::size_t k = i + 1; k < scene.arms.size(); ++k) {
-      if (!scene.arms[i].fci || !scene.arms[k].fci ||
-          scene.arms[i].fci->address != scene.arms[k].fci->address)
-        continue;
+      if (!scene.arms[i].fci || !scene.arms[k].fci) continue;
+      const auto &one = scene.arms[i].force_sensor, &other = scene.arms[k].force_sensor;
+      if (one && other && one->address == other->address)
+        throw std::invalid_argument("the force sensors of arms '" + scene.arms[i].name + "' and '" +
+                                    scene.arms[k].name + "' have the same address " + one->address +
+                                    "; every sensor needs its own");
+      if (scene.arms[i].fci->address != scene.arms[k].fci->address) continue;
       throw std::invalid_argument("arms '" + scene.arms[i].name + "' and '" + scene.arms[k].name +
                                   "' have the same address " + scene.arms[i].fci->address +
                                   "; every arm needs its own");

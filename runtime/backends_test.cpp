@@ -155,6 +155,26 @@ TEST(BackendKind, RefusesInvalidAddresses) {
               HasSubstr("same address 127.0.0.2"));
 }
 
+TEST(BackendKind, TakeForceSensorsWhereTheyAreReadOrSimulated) {
+  Scene scene = two_arms();
+  for (SceneArm& arm : scene.arms) arm.force_sensor.emplace();
+  const auto refusal = [&](BackendKind kind) {
+    try {
+      (void)with_connections(scene, {.kind = kind});
+    } catch (const std::invalid_argument& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_EQ(refusal(BackendKind::mujoco), "");
+  for (const BackendKind kind : {BackendKind::virtual_arms, BackendKind::pinocchio})
+    EXPECT_THAT(refusal(kind), HasSubstr("arm 'left' has a force sensor, and the backend '" + name_of(kind)));
+  EXPECT_THAT(refusal(BackendKind::fci), HasSubstr("have the same address 192.168.1.1"));
+  scene.arms[1].force_sensor->address = "192.168.1.2";
+  EXPECT_EQ(refusal(BackendKind::fci), "");
+  EXPECT_FALSE(with_connections(scene, {.kind = BackendKind::replay}).arms[0].force_sensor);
+}
+
 // The interface carries the simulation's values, so both runs move alike. The difference: states are in
 // single precision (6e-8 rad at pi/2), and the controllets react to these states. In a motion of 0.45 rad
 // that makes 1.3e-7 rad.

@@ -43,6 +43,9 @@ class MixedBackend : public Backend, public SimulationView {
 
   std::optional<ConnectionStatistics> connection(ArmIndex arm) const override;
 
+  const ForceReading* force_reading(ArmIndex arm) override {
+    return part_of(places_[arm]).force_reading(places_[arm].index);
+  }
   std::string fault() const override { return view_ != nullptr ? view_->fault() : ""; }
   std::optional<Pose> object_pose(const std::string& name) const override {
     return parts_.simulated->object_pose(name);

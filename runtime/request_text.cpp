@@ -104,6 +104,10 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
         if (!why.empty())
           return in_quotes(target.feature_descriptor(request.index).type) + ": " + std::string(why);
       }
+      if (rule >= Intervention::force_sensor_silent && rule < Intervention::count_)
+        return std::string(to_string(rule)) + " (" + joined(names_of(modes, request.activate)) +
+               "): nothing was changed; the law needs the force: look at the sensor, its cable and the run's "
+               "messages; a tare needs the arm at rest and free";
       if (rule != Intervention::none && rule != Intervention::arm_not_ready)
         return std::string(to_string(rule)) + " (" + joined(names_of(modes, request.activate)) +
                "): an arm would be held again at once; nothing was changed; guide the arm back by hand, or "

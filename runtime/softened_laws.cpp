@@ -53,10 +53,18 @@ class StillArms final : public Backend {
   std::int64_t periods_ = 0;
 };
 
+// Arms at rest feel nothing, with and without a sensor.
+CycleConfig estimating(CycleConfig config) {
+  for (auto& arm : config.arms) arm.force_sensor.reset();
+  return config;
+}
+
 class Trial {
  public:
   Trial(const Scene& scene, const Registry& registry)
-      : config_(build_cycle_config(scene)), arms_(scene, config_), cycle_(config_, registry, arms_) {
+      : config_(build_cycle_config(scene)),
+        arms_(scene, config_),
+        cycle_(estimating(config_), registry, arms_) {
     cycle_.step(arms_.wait());
   }
   MultimodeController& modes() { return cycle_.modes(); }

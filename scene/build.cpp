@@ -8,6 +8,7 @@
 #include "common/machine.hpp"
 #include "common/text.hpp"
 #include "core/plugin/load_plugin.hpp"
+#include "core/state/load_ramp.hpp"
 #include "models/arm_source.hpp"
 
 namespace multipanda {
@@ -207,6 +208,13 @@ ArmModelSource model_source(const SceneArm& arm) {
   return source;
 }
 
+std::optional<ForceSensorMount> force_sensor_of(const SceneArm& arm) {
+  if (!arm.force_sensor) return std::nullopt;
+  ForceSensorMount mount = arm.force_sensor->mount;
+  mount.carried = arm.force_sensor->carried.value_or(combined(hand_load(arm), 1, arm.tool, 1));
+  return mount;
+}
+
 }  // namespace
 
 std::shared_ptr<const ArmModel> build_arm_model(const SceneArm& arm) {
@@ -248,10 +256,18 @@ ArmConfig arm_config(const SceneArm& arm) {
   return config;
 }
 
+Load hand_load(const SceneArm& arm) {
+  const RobotDescription robot = robot_of(arm);
+  if (!arm.hand || !robot.hand) return {};
+  const RigidBody hand = moved(rigid_hand(*robot.hand), robot.hand->mount.pose());
+  return {hand.mass, hand.com, hand.inertia};
+}
+
 CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) {
   CycleConfig config;
   for (const auto& arm : scene.arms)
-    config.arms.push_back({arm.name, build_controller_model(arm), arm.safety, arm.mount, arm.observer_hz});
+    config.arms.push_back({arm.name, build_controller_model(arm), arm.safety, arm.mount, arm.observer_hz,
+                           force_sensor_of(arm)});
   config.controllets = scene.controllets;
   for (ArmIndex arm = 0; arm < scene.arms.size(); ++arm) {  // holds that the scene does not declare
     InstanceConfig hold{.name = scene.arms[arm].name + "_hold", .type = "hold", .arms = {arm}};

@@ -98,6 +98,9 @@ struct FlangeLoad {
   std::optional<double> most() const { return allowed ? allowed : rated; }
   double payload() const { return most() ? std::max(0.0, *most() - hand_and_tool) : 0; }  // remaining payload
 };
+// The model's rigid hand, in the flange; mass 0: the arm has none.
+Load hand_load(const SceneArm& arm);
+
 FlangeLoad flange_load(const SceneArm& arm, const RobotDescription& robot);
 
 // The effect of a payload in one sentence: "a payload of 0.3 kg is declared: with hand and tool (0.713

@@ -422,6 +422,12 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
   if (arm.observer_hz > 0 && arm.observer_hz < 5)
     archive.at("observer_hz")
         .refuse("the observer's cut-off must be 0 or 5 to 100 Hz: force laws bear no more lag");
+  archive.section(Key("force_sensor", "A force and torque sensor that measures the arm's wrench."),
+                  arm.force_sensor);
+  if (archive.reading() && arm.force_sensor && arm.observer_hz > 0)
+    archive.at("force_sensor")
+        .refuse(
+            "the arm's forces come from its sensor or from the observer; remove 'observer_hz' or this key");
   archive(
       Key("joint_stiffness_nm_per_rad",
           "Stiffness of the arm's internal joint controller, set at the start; controllets do not use it.")

@@ -83,6 +83,31 @@ void visit(Archive& archive, SetCollisionThresholds& collision, const RobotDescr
   if (archive.has("acceleration")) collision.acceleration = accelerating;
 }
 
+void visit(Archive& archive, SceneForceSensor& sensor) {
+  archive.about(
+      "Force sensor",
+      "Between flange and tool, in place of estimated forces (docs/forces.md): simulated, or an ATI "
+      "Net F/T at a real arm. S is its frame.");
+  visit_pose(archive, sensor.mount.X_FS, Key("position_m", "S in the flange."));
+  archive.section(
+      Key("carries", "All that the sensor bears besides the declared payload. Default: hand and tool."),
+      sensor.carried);
+  archive(Key("range_n", "Beyond it, in an axis, the sensor is saturated.").within(1, 10000),
+          sensor.mount.range_n);
+  archive(Key("range_nm", "The same for moments.").within(0.1, 1000), sensor.mount.range_nm);
+  archive(
+      Key("max_age_s", "A law that needs the force ends when the last record is older.").within(0.002, 0.03),
+      sensor.mount.max_age_s);
+  archive(Key("address", "Of a real one: IPv4 address or host name."), sensor.address);
+  archive(Key("counts_per_n", "As its own page shows them, with N and N m as its units.")
+              .in("1/N")
+              .within(1, 1e9),
+          sensor.counts_per_n);
+  archive(Key("counts_per_nm", "The same for moments.").in("1/(N m)").within(1, 1e9), sensor.counts_per_nm);
+  if (archive.reading() && !is_address(sensor.address))
+    archive.at("address").expected("an IPv4 address or a host name, for example 192.168.1.1");
+}
+
 void check_address(const Node& address, const FciConnection& fci, const SceneReader& reader) {
   if (!is_address(fci.address)) address.expected("an IPv4 address or a host name, for example 172.16.0.2");
   for (const auto& other : reader.scene.arms) {

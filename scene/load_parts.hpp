@@ -44,6 +44,7 @@ void visit(Archive& archive, Load& load);
 void visit(Archive& archive, ToolShape& shape);
 void visit(Archive& archive, SafetyLimits& safety, SceneArm& arm);
 void visit(Archive& archive, FciConnection& fci, SceneReader& reader);
+void visit(Archive& archive, SceneForceSensor& sensor);
 void visit(Archive& archive, SetCollisionThresholds& collision, const RobotDescription& robot);
 void visit(Archive& archive, SceneObject& object, SceneReader& reader);
 void visit(Archive& archive, SurfaceContact& contact);

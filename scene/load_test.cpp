@@ -17,6 +17,27 @@ namespace multipanda::load_test {
 
 namespace {
 
+// What a sensor bears is the hand and the tool, unless the scene says otherwise.
+TEST(LoadScene, ForceSensor) {
+  const auto mount = [](const std::string& arm, const std::string& sensor) {
+    return build_cycle_config(parse("arms:\n  - {name: left, " + arm + ", force_sensor: {" + sensor + "}}\n"))
+        .arms[0]
+        .force_sensor.value();
+  };
+  const ForceSensorMount plain =
+      mount("tool: {mass_kg: 0.5, com_m: [0, 0, 0.2]}", "position_m: [0, 0, 0.03]");
+  EXPECT_NEAR(plain.carried.mass, 0.73 + 0.5, 0.03);
+  EXPECT_EQ(plain.X_FS.position, Vector3(0, 0, 0.03));
+  EXPECT_EQ(plain.max_age_s, 0.01);
+  const ForceSensorMount told =
+      mount("hand: false", "carries: {mass_kg: 0.9, com_m: [0, 0, 0.08]}, range_n: 200, range_nm: 10");
+  EXPECT_EQ(told.carried.mass, 0.9);
+  EXPECT_EQ(told.carried.p_FC, Vector3(0, 0, 0.08));
+  EXPECT_EQ(told.range_n, 200);
+  EXPECT_EQ(told.range_nm, 10);
+  EXPECT_EQ(mount("hand: false", "range_n: 200").carried.mass, 0);
+}
+
 TEST(Load, UsesTheDefaultsOfTheModel) {
   const Scene scene = parse("arms:\n  - name: left\n");
   EXPECT_EQ(scene.name, "s");

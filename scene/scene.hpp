@@ -12,6 +12,7 @@
 #include "core/modes/instance.hpp"
 #include "core/safety/safety.hpp"
 #include "core/state/arm_state.hpp"
+#include "core/state/force_sensor.hpp"
 #include "core/types/spatial.hpp"
 #include "yaml_reader/config_error.hpp"
 
@@ -76,6 +77,14 @@ struct FciConnection {
   SourcePlace place;
 };
 
+// A force and torque sensor between flange and tool: simulated, or an ATI Net F/T at a real arm.
+struct SceneForceSensor {
+  ForceSensorMount mount;
+  std::optional<Load> carried;          // of the mount; none: hand and tool
+  std::string address = "192.168.1.1";  // of a real one
+  double counts_per_n = 1e6, counts_per_nm = 1e6;
+};
+
 struct SceneArm {
   std::string name;           // "left"
   std::string model = "fer";  // in models/, or a path to a model file
@@ -109,6 +118,7 @@ struct SceneArm {
   bool known_rotor_inertia = false;  // the mass matrix of the controllers contains the acting motor inertia
   bool known_friction = false;       // controllers know the model's friction table
   double observer_hz = 0;            // CycleConfig::Arm
+  std::optional<SceneForceSensor> force_sensor;
   std::optional<FciConnection> fci;  // a real arm; none: simulated, unless an option of the run overrides it
   // Set on the arm at the start; none: the arm keeps its own.
   std::optional<SetCollisionThresholds> collision;

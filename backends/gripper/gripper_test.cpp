@@ -268,6 +268,7 @@ const Vector3 kCup(0, 0, 0.1);  // in the flange
 Scene vacuum_scene(double gap, double mass = 0.5) {
   SceneArm arm = arm_named("a", pose(0.1, 0.2, 0, 0, 0, 0.7), false);
   arm.vacuum = true;
+  arm.force_sensor.emplace();
   arm.X_FE = Pose{Matrix3::Identity(), kCup};
   ModelTerms terms = terms_of(arm);
   terms.update(arm.q_start, joint_constant(7, 0));
@@ -292,6 +293,8 @@ TEST(Vacuum, PartIsLiftedHeldThroughMotionAndDropped) {
   rig.lift(0.15);
   rig.steps(300);
   expect_only_weight(rig, 0.5);
+  const Vector3 felt = rig.loop.backend.force_reading(0)->F_S.force();
+  EXPECT_LT((rig.loop.backend.world().X_WF(0).rotation * felt - Vector3(0, 0, -0.5 * 9.81)).norm(), 0.1);
   const Pose X_EO = rig.X_EO();
   const SeededMotion motion(3);
   double slip = 0;

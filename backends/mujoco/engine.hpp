@@ -17,7 +17,7 @@ namespace multipanda {
   F(mju_user_error) F(mju_user_warning) F(mju_rayGeom) \
   F(mj_makeSpec) F(mj_parseXMLString) F(mj_compile) F(mj_deleteSpec) F(mj_copyModel) F(mj_deleteModel) \
   F(mj_makeData) F(mj_resetData) F(mj_deleteData) F(mj_setConst) \
-  F(mj_step) F(mj_forward) F(mj_kinematics) F(mj_fullM) F(mj_contactForce) F(mj_geomDistance) F(mj_jacSite) \
+  F(mj_step) F(mj_forward) F(mj_kinematics) F(mj_fullM) F(mj_contactForce) F(mj_rnePostConstraint) F(mj_geomDistance) F(mj_jacSite) \
   F(mj_objectVelocity) F(mj_isSparse) F(mj_name2id) F(mj_id2name) \
   F(mjs_addBody) F(mjs_addEquality) F(mjs_addExclude) F(mjs_addFrame) F(mjs_addFreeJoint) F(mjs_addGeom) F(mjs_addLight) \
   F(mjs_addMaterial) F(mjs_addPair) F(mjs_addTexture) F(mjs_asGeom) F(mjs_asSite) F(mjs_attach) F(mjs_findBody) \

@@ -54,6 +54,7 @@ class MujocoBackend : public Backend, public SimulationView {
   LoopTime now() const override;
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
+  const ForceReading* force_reading(ArmIndex arm) override { return plant_.force_reading(arm); }
   // Commands an arm whose motion is not torque. Call it before write(), which then skips the arm.
   void command(ArmIndex arm, const InterfaceCommand& command);
   std::uint64_t overruns() const override { return pace_ == Pace::realtime ? pacer_.overruns() : 0; }

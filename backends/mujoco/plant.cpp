@@ -101,8 +101,10 @@ MujocoPlant::MujocoPlant(const Scene& scene, const PlantOptions& options)
       arms_.back().gripper.emplace(limits, limits.width);
     }
     if (scene.arms[i].vacuum) arms_.back().vacuum.emplace();
+    if (scene.arms[i].force_sensor) arms_.back().X_FS = scene.arms[i].force_sensor->mount.X_FS;
   }
   for (ArmIndex i = 0; i < arms_.size(); ++i) measure_start(i);
+  feel(true);
 }
 
 void MujocoPlant::advance() {
@@ -127,6 +129,19 @@ void MujocoPlant::advance() {
   }
   ++periods_;
   for (auto& arm : arms_) arm.behavior.measure(arm.measurement);
+  feel(false);
+}
+
+// The force sensors' view of the last physics step.
+void MujocoPlant::feel(bool at_rest) {
+  if (std::ranges::none_of(arms_, [](const Arm& arm) { return arm.X_FS.has_value(); })) return;
+  world_.update_loads(at_rest);
+  for (ArmIndex i = 0; i < arms_.size(); ++i) {
+    Arm& arm = arms_[i];
+    if (!arm.X_FS) continue;
+    arm.force.F_S = arm.force.mean_S = world_.sensor_load(i, *arm.X_FS);
+    ++arm.force.records;
+  }
 }
 
 void MujocoPlant::plan_places(const Scene& scene) {
@@ -302,6 +317,7 @@ void MujocoPlant::reset() {
     if (arm.vacuum) arm.vacuum->reset();
     measure_start(i);
   }
+  feel(true);
 }
 
 // The initial packet: at rest, motors support the arm.

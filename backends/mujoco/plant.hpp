@@ -14,6 +14,7 @@
 #include "backends/simulated_arm/friction.hpp"
 #include "backends/simulated_arm/request_box.hpp"
 #include "backends/simulated_arm/simulated_arm.hpp"
+#include "core/state/force_sensor.hpp"
 #include "core/types/arm_set.hpp"
 #include "core/types/time.hpp"
 #include "scene/scene.hpp"
@@ -51,6 +52,8 @@ class MujocoPlant {
   const SimulatedArm& arm(ArmIndex i) const { return arms_[i].behavior; }
   // The gripper on the arm's flange, stepped by the plant; nullptr: no such gripper.
   SimulatedGripper* gripper(ArmIndex i) { return arms_[i].gripper ? &*arms_[i].gripper : nullptr; }
+  // What the arm's force sensor measures, without noise; nullptr: it has none.
+  const ForceReading* force_reading(ArmIndex i) const { return arms_[i].X_FS ? &arms_[i].force : nullptr; }
   SimulatedVacuum* vacuum(ArmIndex i) { return arms_[i].vacuum ? &*arms_[i].vacuum : nullptr; }
   bool has_gripper(ArmIndex i) const { return arms_[i].gripper.has_value(); }
   bool has_vacuum(ArmIndex i) const { return arms_[i].vacuum.has_value(); }
@@ -94,6 +97,8 @@ class MujocoPlant {
     // The former friction without its part that MuJoCo integrates implicitly, and the slope of that part.
     JointVector friction_explicit, friction_slope;
     PlantMeasurement measurement;  // of the current period
+    std::optional<Pose> X_FS;      // of the force sensor; none: there is none
+    ForceReading force;
   };
   struct PlannedPlace {
     std::int64_t period = 0;  // the period at whose start it happens
@@ -112,6 +117,7 @@ class MujocoPlant {
   void drive_grippers(ArmIndex arm);
   void drive(ArmIndex arm, double dt);
   void observe(ArmIndex arm, double weight);
+  void feel(bool at_rest);
   void fail(const char* why);
 
   std::size_t substeps_;

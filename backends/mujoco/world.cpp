@@ -171,6 +171,30 @@ Wrench World::tip_wrench(std::size_t arm, const Vector3& p_W) const {
   return total;
 }
 
+// MuJoCo's cfrc_int is the wrench by which a body's parent acts on it [m; f], about the center of mass of the
+// whole tree, world axes. The bodies on the last link are what the flange carries; the suction cup acts on
+// the link itself.
+Wrench World::sensor_load(std::size_t arm, const Pose& X_FS) const {
+  const mjModel* m = model_.get();
+  const mjData* d = data_.get();
+  const Pose X_WS = X_WF(arm) * X_FS;
+  Wrench load;
+  for (int body = arms_[arm].last_link + 1; body < m->nbody; ++body) {
+    if (m->body_parentid[body] != arms_[arm].last_link || arm_of_body(body) != static_cast<int>(arm))
+      continue;
+    const Vector3 p = vector_at(d->subtree_com + 3 * m->body_rootid[body]);
+    Wrench by_link;
+    by_link.force() = vector_at(d->cfrc_int + 6 * body + 3);
+    by_link.torque() = vector_at(d->cfrc_int + 6 * body);
+    load.vector -= shifted(by_link, p - X_WS.position).vector;
+  }
+  if (has_cup(arm)) load.vector -= weld_wrench(arm, X_WS.position).vector;
+  Wrench F_S;
+  F_S.force() = X_WS.rotation.transpose() * load.force();
+  F_S.torque() = X_WS.rotation.transpose() * load.torque();
+  return F_S;
+}
+
 // One row per joint that has dry friction, and its Jacobian is 1.
 double World::stiction_torque(int dof) const {
   for (int i = data_->ne; i < data_->ne + data_->nf; ++i) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <memory>
 #include <optional>
@@ -89,6 +90,15 @@ class World {
   // The wrench that the arm's hand and tool (is_tip) exert on other bodies in the last physics step or
   // forward(), about the world point p_W, in world axes. It includes an object held by the suction cup.
   Wrench tip_wrench(std::size_t arm, const Vector3& p_W) const;
+
+  // The load on a sensor between flange and all that is on it, with its weight and inertia: about S, axes of
+  // S. Of the last physics step; call update_loads() first. `at_rest`: without accelerations, as before the
+  // first step, in which no motor acts yet.
+  void update_loads(bool at_rest) {
+    if (at_rest) std::fill_n(data_->qacc, model_->nv, 0.0);
+    mj_rnePostConstraint(model_.get(), data_.get());
+  }
+  Wrench sensor_load(std::size_t arm, const Pose& X_FS) const;
 
   // --- hand with fingers that move ---
   struct FingerState {

@@ -7,6 +7,7 @@
 
 #include "core/cycle/requests.hpp"
 #include "core/state/arm_state.hpp"
+#include "core/state/force_sensor.hpp"
 #include "core/types/arm_set.hpp"
 #include "core/types/time.hpp"
 
@@ -74,6 +75,9 @@ class Backend {
   // The pose in the world of an object, of the states that were read. None: no such object, or its place is
   // unknown, as beside real arms. Loop thread, between two wait(). No allocation, no lock.
   virtual std::optional<Pose> object_pose(const std::string& /*name*/) const { return std::nullopt; }
+  // What the arm's force sensor measured last, with its present age; the same address from construction on.
+  // nullptr: it has none. Loop thread. No allocation, no lock.
+  virtual const ForceReading* force_reading(ArmIndex /*arm*/) { return nullptr; }
   // Cycles that were missed so far (paced simulation) or packets lost (real arms).
   virtual std::uint64_t overruns() const { return 0; }
   // Packets of the arm's connection. Any thread. None: the arm has no connection.

@@ -101,7 +101,16 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
     const double hz = config.arms[arm].observer_hz;
     observers_.emplace_back(config.arms[arm].model->joint_count(),
                             hz > 0 ? hz : ExternalForceObserver::kBandwidth);
-    if (hz > 0 || !backend.capabilities(arm).has_external_torque) observed_ |= ArmSet::of(arm);
+    sensed_.emplace_back();
+    if (const auto& mount = config.arms[arm].force_sensor) {
+      if (backend.force_reading(arm) == nullptr)
+        throw std::invalid_argument("arm '" + config.arms[arm].name +
+                                    "' has a force sensor, which this backend does not read; use mujoco or "
+                                    "fci, or remove 'force_sensor'");
+      sensed_.back().emplace(*mount);
+    } else if (hz > 0 || !backend.capabilities(arm).has_external_torque) {
+      observed_ |= ArmSet::of(arm);
+    }
   }
   for (ArmIndex arm = 0; arm < mounts_.size(); ++arm) {
     if (mounts_[arm]) data_.terms[mounts_[arm]->carrier].carry(data_.terms[arm], mounts_[arm]->joint);

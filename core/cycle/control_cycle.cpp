@@ -79,6 +79,7 @@ void ControlCycle::read(ArmSet due) {
   for (ArmIndex arm = 0; arm < data_.state.size(); ++arm) {
     if (!data_.state[arm].fresh) continue;
     if (observed_.contains(arm)) estimate_force(arm);
+    if (sensed_[arm]) feel(arm);
     count_torque(arm);
   }
   read_obstacles();
@@ -130,6 +131,16 @@ void ControlCycle::count_torque(ArmIndex arm) {
 void ControlCycle::estimate_force(ArmIndex arm) {
   ModelTerms& terms = data_.terms[arm];
   observers_[arm].update({terms.momentum(), terms.momentum_drift(), terms.J_V_WK()}, data_.state[arm]);
+}
+
+// The sensor's wrench in place of an estimate.
+void ControlCycle::feel(ArmIndex arm) {
+  ModelTerms& terms = data_.terms[arm];
+  ArmState& state = data_.state[arm];
+  const SensedForce::Place place{
+      .X_WF = terms.X_WF(), .p_WK = terms.X_WK().position, .J_V_WK = terms.J_V_WK()};
+  data_.condition[arm].sensor =
+      sensed_[arm]->update(*backend_.force_reading(arm), place, data_.tick.dt, state);
 }
 
 void ControlCycle::write() {

@@ -15,6 +15,7 @@
 #include "core/safety/safety.hpp"
 #include "core/state/arm_condition.hpp"
 #include "core/state/external_force.hpp"
+#include "core/state/force_sensor.hpp"
 #include "core/types/tick.hpp"
 
 namespace multipanda {
@@ -70,6 +71,7 @@ struct CycleConfig {
     std::optional<BaseMount> mount = {};  // of an arm that stands on another one
     double observer_hz =
         0;  // of the observer, also in place of the backend's estimate; 0: only where it has none
+    std::optional<ForceSensorMount> force_sensor = {};  // in place of both
   };
   std::vector<Arm> arms;  // the arms of the backend, in its order
   std::vector<InstanceConfig> controllets;
@@ -113,17 +115,19 @@ class ControlCycle {
   void read_obstacles();
   void count_torque(ArmIndex arm);
   void estimate_force(ArmIndex arm);
+  void feel(ArmIndex arm);
   void write();
   void record_cycle();
 
   Backend& backend_;
   CycleData data_;
-  std::vector<ExternalForceObserver> observers_;  // one per arm
-  ArmSet observed_;                               // arms whose backend does not deliver external torques
-  ArmSet every_command_arrives_;                  // according to their backend
-  std::vector<std::optional<BaseMount>> mounts_;  // one per arm
-  std::vector<std::uint32_t> seen_config_;        // configuration of each arm in the last cycle
-  std::vector<std::size_t> placed_;               // obstacles that the backend's world may move
+  std::vector<ExternalForceObserver> observers_;    // one per arm
+  std::vector<std::optional<SensedForce>> sensed_;  // of arms with a force sensor
+  ArmSet observed_;                                 // arms whose backend does not deliver external torques
+  ArmSet every_command_arrives_;                    // according to their backend
+  std::vector<std::optional<BaseMount>> mounts_;    // one per arm
+  std::vector<std::uint32_t> seen_config_;          // configuration of each arm in the last cycle
+  std::vector<std::size_t> placed_;                 // obstacles that the backend's world may move
   SafetyStage safety_;
   std::unique_ptr<MultimodeController> modes_;
   RecordLayout layout_;

@@ -150,6 +150,7 @@ class MultimodeController {
   void watch_arm(ArmIndex arm, const Tick& tick);
   Finding inspect_observed(ArmIndex arm) const;
   void inspect_observed(const Tick& tick);
+  Finding lost_sensor(ArmSet arms, ArmIndex& arm) const;
   bool sees_observed(InstanceIndex instance) const;  // none of its observed arms is lost
   void report_hold(ArmIndex arm, const Finding& finding, const Tick& tick);
   void emit(Event event, const Tick& tick);

@@ -241,7 +241,11 @@ Verdict MultimodeController::apply_switch(const Request& request, Answer& answer
   if (!started) return Verdict::start_refused;
   for_each(answer.plan.start,
            [&](InstanceIndex i) { started = started && instances_[i]->start(tick) == LawResult::ok; });
-  if (!started) return Verdict::start_refused;
+  if (!started) {
+    ArmIndex arm = 0;
+    answer.rule = lost_sensor(moving, arm).rule;
+    return Verdict::start_refused;
+  }
   commit(answer.plan);
   handed_over_ |= moving;
   give_up_starts(request.only ? ArmSet::all(arm_count()) : arms_of(request.activate | request.deactivate));
@@ -382,6 +386,18 @@ void MultimodeController::end_goal(InstanceIndex i, const Tick& tick) {
   emit(event, tick);
 }
 
+// A law without the force that it needs reports a fault: the sensor is the reason. `arm`: the sensor's.
+Finding MultimodeController::lost_sensor(ArmSet arms, ArmIndex& arm) const {
+  Finding finding;
+  for_each(arms, [&](ArmIndex a) {
+    const SensorFault& sensor = blocks_.conditions[a].sensor;
+    if (finding || sensor.rule == Intervention::none) return;
+    finding = {sensor.rule, 0xFFFF, sensor.value, sensor.limit};
+    arm = a;
+  });
+  return finding;
+}
+
 void MultimodeController::run_controllets(const Tick& tick) {
   ticking_ = 0;
   for_each(active_, [&](InstanceIndex i) {
@@ -391,6 +407,9 @@ void MultimodeController::run_controllets(const Tick& tick) {
     end_goal(i, tick);
     Finding finding{instance.update(tick)};
     ArmIndex arm = instance.arms().first();
+    if (finding.rule == Intervention::controllet_fault) {
+      if (const Finding sensor = lost_sensor(instance.arms(), arm)) finding = sensor;
+    }
     if (!finding) {
       for_each(instance.arms(), [&](ArmIndex a) {
         if (finding) return;

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "core/state/arm_state.hpp"
+#include "core/state/force_sensor.hpp"
 
 namespace multipanda {
 
@@ -14,6 +15,7 @@ struct ArmCondition {
   double age_s = 0;           // of its last state
   double gap_s = 0;           // fresh: between its last two states; otherwise, or if it is the first: 0
   JointVector torque_in_use;  // at its last state [N m] (n x 1)
+  SensorFault sensor;         // why its force sensor, if it has one, is not to be believed
 
   // `dt`: since the last cycle. `longest_gap_s`: after a longer gap, the arm counts as one that returns.
   void update(const ArmState& state, double dt, double longest_gap_s) {

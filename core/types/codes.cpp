@@ -27,7 +27,11 @@ constexpr std::array<Rule, static_cast<std::size_t>(Intervention::count_)> kInte
      {"torque clamped", "N m"},
      {"torque rate clamped", "N m/s"},
      {"stop requested", ""},
-     {"observed arm lost", "s"}}};
+     {"observed arm lost", "s"},
+     {"force sensor silent", "s"},
+     {"force sensor saturated", "N"},
+     {"force sensor fault", ""},
+     {"force sensor not tared", "N"}}};
 
 struct VerdictText {
   std::string_view name, text;

@@ -26,7 +26,12 @@ enum class Intervention : std::uint8_t {
   torque_rate_clamped,   // the torque-rate limit clamped the command
   stop_requested,        // a stop was requested: arm is held until resumed
   observed_arm_lost,     // an arm that the controllet observes is silent or in error: its arms are held
-  count_                 // number of codes
+  // The controllet needs the force sensor of one of its arms: removed.
+  force_sensor_silent,     // no recent record of it
+  force_sensor_saturated,  // beyond its range
+  force_sensor_fault,      // it reports an error, was restarted, or sends what is not a number
+  force_sensor_not_tared,  // the arm has not been at rest, or bears more than a bias
+  count_                   // number of codes
 };
 
 // Result of a request.

@@ -66,6 +66,11 @@ struct FciBackend::Implementation {
     }
     for (const auto& config : configs) check(config);
     for (auto& config : configs) {
+      sensors.emplace_back();
+      if (config.force_sensor) {
+        config.force_sensor->report = options.report;
+        sensors.back() = std::make_unique<NetFt>(*config.force_sensor);
+      }
       arms.push_back(std::make_unique<ArmDriver>(std::move(config), options));
       watched[arms.size() - 1] = {.fd = arms.back()->udp_file(), .events = POLLIN, .revents = 0};
     }
@@ -97,6 +102,7 @@ struct FciBackend::Implementation {
 
   const FciOptions options;
   std::vector<std::unique_ptr<ArmDriver>> arms;
+  std::vector<std::unique_ptr<NetFt>> sensors;  // of the arms; empty: none
   std::array<pollfd, kMaxArms> watched{};
   bool running = false;
   bool first = true;      // no wait() yet
@@ -202,8 +208,15 @@ void FciBackend::Implementation::give_up(const std::vector<RequestAnswer>& answe
   throw std::runtime_error(text);
 }
 
+const ForceReading* FciBackend::force_reading(ArmIndex arm) {
+  return self_->sensors[arm] ? &self_->sensors[arm]->latest() : nullptr;
+}
+
 void FciBackend::start() {
   auto& self = *self_;
+  for (const auto& sensor : self.sensors) {
+    if (sensor) sensor->start();
+  }
   const auto on_all = [&self](auto&& what, bool beginning) {
     std::vector<std::future<RequestAnswer>> futures;
     for (const auto& arm : self.arms) futures.push_back(what(*arm));
@@ -247,6 +260,9 @@ void FciBackend::finish() {
   std::vector<std::future<RequestAnswer>> leaving;
   for (const auto& arm : self.arms) leaving.push_back(arm->leave(true));
   (void)self.wait_for(std::move(leaving), false);
+  for (const auto& sensor : self.sensors) {
+    if (sensor) sensor->stop();
+  }
   self.running = false;
 }
 
@@ -383,12 +399,8 @@ FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
   config.name = arm.name;
   config.address = address;
   config.model = build_arm_model(arm);
-  const RobotDescription robot = robot_of(arm);
-  if (arm.hand && robot.hand) {
-    const RigidBody hand = moved(rigid_hand(*robot.hand), robot.hand->mount.pose());
-    config.hand = {hand.mass, hand.com, hand.inertia};
-    config.hand_declared = declared_hand(config.hand);
-  }
+  config.hand = hand_load(arm);
+  if (config.hand.mass > 0) config.hand_declared = declared_hand(config.hand);
   const ArmConfig requested = arm_config(arm);
   config.frames = requested.frames;
   config.tool = requested.tool;
@@ -403,6 +415,12 @@ FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
     config.end_effector = [name = arm.name, address] { return vacuum_link(name, address); };
   } else if (arm.hand && (!arm.fci || arm.fci->gripper)) {
     config.end_effector = [name = arm.name, address] { return gripper_link(name, address); };
+  }
+  if (arm.force_sensor) {
+    config.force_sensor = {.who = "arm " + arm.name + ": force sensor",
+                           .address = arm.force_sensor->address,
+                           .counts_per_n = arm.force_sensor->counts_per_n,
+                           .counts_per_nm = arm.force_sensor->counts_per_nm};
   }
   if (arm.fci) {
     config.version = arm.fci->version;

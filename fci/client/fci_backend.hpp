@@ -12,6 +12,7 @@
 #include "core/model/arm_model.hpp"
 #include "core/state/arm_state.hpp"
 #include "fci/client/end_effector.hpp"
+#include "fci/client/net_ft.hpp"
 #include "fci/wire/robot_state.hpp"
 
 namespace multipanda {
@@ -72,6 +73,8 @@ struct FciArmConfig {
   // RecoverFromError sets it up.
   bool recover_at_start = false;
 
+  std::optional<NetFt::Config> force_sensor;
+
   // Creates the gripper; empty: none. Called off the loop, once.
   std::function<std::unique_ptr<EndEffector>()> end_effector;
 };
@@ -117,8 +120,8 @@ struct FciOptions {
 // start() connects all arms at the same time, checks versions and models, sends each arm its configuration
 // and starts torque control on all of them; those that have begun are held meanwhile. If one arm cannot be
 // reached or does not begin, it leaves all arms as they were and throws std::runtime_error with the arm's
-// name and a remedy. finish() ends the motions and holds the arms until they have left them; then they hold
-// themselves. A failure of one arm does not affect the others. ArmState::mode:
+// name and a remedy; force sensors come first. finish() ends the motions and holds the arms until they have
+// left them; then they hold themselves. A failure of one arm does not affect the others. ArmState::mode:
 //   move          torques are taken
 //   reflex, user_stopped, guiding, other   as the arm says; `other` also when its motion has ended or was
 //                 stopped on request
@@ -149,6 +152,7 @@ class FciBackend : public Backend {
   void read(ArmSet due, std::span<ArmState> states) override;
   void write(ArmSet due, std::span<const ArmCommand> commands) override;
   std::uint64_t overruns() const override;  // packets lost, all arms
+  const ForceReading* force_reading(ArmIndex arm) override;
   using Backend::request;
   std::future<RequestAnswer> request(ArmIndex arm, ArmRequest request) override;
   std::future<RequestAnswer> request(ArmIndex arm, GripperRequest request) override;

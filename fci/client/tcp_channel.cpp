@@ -25,21 +25,6 @@ int left_ms(HostTime begun, double timeout_s) {
   return left <= 0 ? 0 : static_cast<int>(std::ceil(left * 1e3));
 }
 
-in_addr resolve(const std::string& address, const std::string& who) {
-  addrinfo hints{};
-  hints.ai_family = AF_INET;
-  hints.ai_socktype = SOCK_STREAM;
-  addrinfo* found = nullptr;
-  if (const int error = ::getaddrinfo(address.c_str(), nullptr, &hints, &found); error != 0) {
-    throw ConnectionError(ConnectionError::Kind::unreachable,
-                          who + ": '" + address + "' cannot be resolved (" + ::gai_strerror(error) +
-                              "): write the arm's IPv4 address, as shown in the arm's network settings");
-  }
-  const in_addr result = reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr;
-  ::freeaddrinfo(found);
-  return result;
-}
-
 std::string cure_for(int error) {
   switch (error) {
     case ECONNREFUSED:
@@ -57,6 +42,21 @@ std::string cure_for(int error) {
 }
 
 }  // namespace
+
+in_addr resolve(const std::string& address, const std::string& who) {
+  addrinfo hints{};
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_STREAM;
+  addrinfo* found = nullptr;
+  if (const int error = ::getaddrinfo(address.c_str(), nullptr, &hints, &found); error != 0) {
+    throw ConnectionError(ConnectionError::Kind::unreachable,
+                          who + ": '" + address + "' cannot be resolved (" + ::gai_strerror(error) +
+                              "): write its IPv4 address, as shown in its network settings");
+  }
+  const in_addr result = reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr;
+  ::freeaddrinfo(found);
+  return result;
+}
 
 std::string in_seconds(double duration_s) {
   std::string text = std::to_string(duration_s);

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
+#include <netinet/in.h>
 #include <optional>
 #include <span>
 #include <stdexcept>
@@ -37,6 +38,9 @@ class ConnectionError : public std::runtime_error {
  private:
   Kind kind_;
 };
+
+// Throws ConnectionError, whose text begins with `who`.
+in_addr resolve(const std::string& address, const std::string& who);
 
 std::string in_seconds(double duration_s);  // "1.5 s", for messages
 
