@@ -1,5 +1,6 @@
 #include "sysid/identification/equations.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -16,8 +17,9 @@ constexpr double kStribeckRise = 0.01;     // [rad/s]
 constexpr double kStribeckVelocity = 0.3;  // [rad/s]
 // The state at the start of a log is unknown. A moving joint has probably moved in the same direction before;
 // a resting one may have come from either side.
-constexpr double kMoving = 0.02;   // [rad/s]
-constexpr double kComeFrom = 0.2;  // [rad]
+constexpr double kMoving = 0.02;      // [rad/s]
+constexpr double kComeFrom = 0.2;     // [rad]
+constexpr double kForgotten = 0.003;  // the unknown start of a resting joint [rad]
 
 double stribeck(double dq) {
   const double x = dq / kStribeckVelocity;
@@ -40,6 +42,18 @@ Eigen::MatrixXd presliding(double s, const Eigen::MatrixXd& dq, double dt) {
   return out;
 }
 
+// exp(-path / s): Dahl's law is linear in its start, and forgets it over the path.
+Eigen::MatrixXd initial(double s, const Eigen::MatrixXd& dq, double dt) {
+  Eigen::MatrixXd out = Eigen::MatrixXd::Zero(dq.rows(), dq.cols());
+  for (Eigen::Index j = 0; j < dq.cols(); ++j) {
+    double left = dq.rows() > 0 && std::abs(dq(0, j)) <= kMoving ? 1 : 0;
+    for (Eigen::Index i = 0; i < dq.rows(); ++i) {
+      out(i, j) = left *= std::exp(-std::abs(dq(i, j)) * dt / s);
+    }
+  }
+  return out;
+}
+
 double sigmoid(double p2, double p3, double dq) {
   return 1 / (1 + std::exp(-p2 * (dq + p3))) - 1 / (1 + std::exp(-p2 * p3));
 }
@@ -51,6 +65,12 @@ Eigen::MatrixXd compressed(Eigen::MatrixXd A) {
   if (A.rows() <= A.cols()) return A;
   const Eigen::HouseholderQR<Eigen::Ref<Eigen::MatrixXd>> qr(A);
   return A.topRows(A.cols()).template triangularView<Eigen::Upper>();
+}
+
+// Leaves the amplitude a of one more column c open: |A' x|^2 is the least |A x + c a|^2 + a^2 over a.
+void leave_open(const Eigen::VectorXd& c, Eigen::MatrixXd& A) {
+  const double n = c.squaredNorm();
+  A -= c * (c.transpose() * A) / (1 + n + std::sqrt(1 + n));
 }
 
 void append(JointEquations& to, const Eigen::MatrixXd& A, Index rows) {
@@ -76,6 +96,8 @@ std::string to_string(const FrictionPart& part) {
       return "sigmoid";
     case FrictionKind::presliding:
       return fmt::format("presliding {:g} mrad", 1e3 * part.distance);
+    case FrictionKind::initial:
+      return fmt::format("initial {:g} mrad", 1e3 * part.distance);
     case FrictionKind::acceleration:
       return "joint inertia";
   }
@@ -103,6 +125,8 @@ Eigen::MatrixXd friction_column(const FrictionPart& part, const Eigen::MatrixXd&
       return (dq / kCoulombVelocity).array().tanh();
     case FrictionKind::presliding:
       return presliding(part.distance, dq, dt);
+    case FrictionKind::initial:
+      return initial(part.distance, dq, dt);
     case FrictionKind::acceleration:
       return ddq;
     case FrictionKind::sigmoid:
@@ -172,6 +196,10 @@ std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const Equ
                                     std::size_t blocks, bool restart) {
   ArmRegressor regressor(*source.robot);
   const Index n = regressor.joints(), parts = static_cast<Index>(source.parts.size());
+  const bool open = std::ranges::any_of(
+      source.parts, [](const FrictionPart& part) { return part.kind == FrictionKind::presliding; });
+  std::vector<FrictionPart> columns = source.parts;
+  if (open) columns.push_back({FrictionKind::initial, kForgotten});
   std::vector<Equations> out(blocks, Equations(static_cast<std::size_t>(n)));
   for (Equations& block : out) {
     for (Index j = 0; j < n; ++j) {
@@ -182,10 +210,10 @@ std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const Equ
     const Vector3 gravity_B = log.gravity_B.value_or(source.gravity_B);
     const Eigen::Matrix<double, 3, 2> directions = tilt_directions(gravity_B);
     std::vector<Eigen::MatrixXd> friction;  // of the rows from `origin` on
-    if (!restart) friction = kept_friction(log, source.parts, source.robot->friction);
+    if (!restart) friction = kept_friction(log, columns, source.robot->friction);
     for (const auto& [b, begin, end] : block_ranges(log, blocks)) {
       const Index origin = restart ? begin : 0;
-      if (restart) friction = restarted_friction(log, begin, end, source.parts, source.robot->friction);
+      if (restart) friction = restarted_friction(log, begin, end, columns, source.robot->friction);
       constexpr Index kAtOnce = 1000;  // rows held uncompressed
       for (Index from = begin; from < end; from += kAtOnce) {
         const Index rows = std::min(kAtOnce, end - from);
@@ -210,7 +238,10 @@ std::vector<Equations> equations_of(std::span<const FilteredLog> logs, const Equ
             row[row.size() - 1] = log.tau(at, j);
           }
         }
-        for (std::size_t j = 0; j < A.size(); ++j) append(out[b][j], A[j], rows);
+        for (std::size_t j = 0; j < A.size(); ++j) {
+          if (open) leave_open(friction.back().col(static_cast<Index>(j)).segment(from - origin, rows), A[j]);
+          append(out[b][j], A[j], rows);
+        }
       }
     }
   }

@@ -21,12 +21,13 @@ enum class FrictionKind {
   coulomb,       // tanh(dq / 0.05)
   sigmoid,       // the shape of the robot's table without its p1
   presliding,    // z / s with Dahl's state z (PreslidingElement)
+  initial,       // what a joint at rest adds to z / s where z / s began at 1 instead of 0
   acceleration,  // ddq: inertia about the joint that no link explains
 };
 
 struct FrictionPart {
   FrictionKind kind = FrictionKind::offset;
-  double distance = 0;  // presliding only [rad]
+  double distance = 0;  // presliding, initial [rad]
   bool operator==(const FrictionPart&) const = default;
 };
 
@@ -35,7 +36,8 @@ std::string unit_of(const FrictionPart& part);    // of its amplitude
 bool has_sign(const FrictionPart& part);          // its amplitude must be >= 0, otherwise it would add energy
 
 // A presliding state starts at 0 for a resting joint, and for a moving one as if it had moved 0.2 rad from
-// rest in the same direction: the log does not show the motion before it.
+// rest in the same direction: the log does not show the motion before it. Where a resting joint began is
+// unknown; equations of presliding parts leave it open, and predictions read it from the torque at the start.
 
 // Column of one part for every joint, at 1 ms, before any filter. dq, ddq (N x n) -> (N x n).
 // `table` is the robot's, for `sigmoid`; throws std::invalid_argument if it is needed and there is none.

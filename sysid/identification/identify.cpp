@@ -76,8 +76,9 @@ void put_friction(const Fit& fit, const std::vector<FrictionPart>& parts, const 
       case FrictionKind::sigmoid:
         law.sigmoid = {amplitude, table->p2, table->p3};
         break;
+      case FrictionKind::initial:
       case FrictionKind::acceleration:
-        break;  // only for comparison: not part of the model format
+        break;  // not part of the model format
     }
   }
   const bool friction =

@@ -103,6 +103,23 @@ TEST(Dahl, begins_as_if_the_joint_had_been_moving) {
   EXPECT_EQ(friction_column(part, still, still, {}, 1e-3)(0, 0), 0);
 }
 
+// Dahl's law from a start at 1 minus the same from 0.
+TEST(Dahl, the_part_of_a_start_fades_over_the_path) {
+  Eigen::MatrixXd dq(3, 1);
+  dq << 0.01, -0.02, 0.5;
+  const double s = 1e-4;
+  const Eigen::MatrixXd part = friction_column({FrictionKind::initial, s}, dq, dq, {}, 1e-3);
+  double a = 1, b = 0;
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    const double end = dq(i, 0) > 0 ? 1 : -1, kept = std::exp(-std::abs(dq(i, 0)) * 1e-3 / s);
+    a = end + (a - end) * kept;
+    b = end + (b - end) * kept;
+    EXPECT_NEAR(part(i, 0), a - b, 1e-12);
+  }
+  const Eigen::MatrixXd moving = 10 * dq.topRows(1);
+  EXPECT_EQ(friction_column({FrictionKind::initial, s}, moving, dq, {}, 1e-3)(0, 0), 0);
+}
+
 TEST(FrictionTorque, of_a_law_is_the_sum_of_its_columns) {
   FrictionLaw law;
   law.viscous = JointVector::Constant(1, 0.5);

@@ -39,17 +39,33 @@ Eigen::MatrixXd model_torque(const FilteredLog& log, const RobotDescription& rob
     const Eigen::Index at = log.kept[static_cast<std::size_t>(i)];
     out.row(i) = regressor.at(log.q.row(at), log.dq.row(at), log.ddq.row(at), gravity) * theta;
   }
+  const auto& sensor = robot.torque_sensor;
+  const Eigen::VectorXd gain =
+      sensor && sensor->gain.size() == n ? Eigen::VectorXd(sensor->gain) : Eigen::VectorXd::Ones(n);
+  const Eigen::VectorXd offset =
+      sensor && sensor->offset.size() == n ? Eigen::VectorXd(sensor->offset) : Eigen::VectorXd::Zero(n);
   Eigen::MatrixXd friction = Eigen::MatrixXd::Zero(log.t.size(), n);
-  if (robot.link_friction) friction += friction_torque(*robot.link_friction, log.dq, kProtocolStep);
+  if (robot.link_friction) {
+    const auto& elements = robot.link_friction->presliding;
+    friction += friction_torque(*robot.link_friction, log.dq, kProtocolStep);
+    // The friction in which a resting joint began, from the torque before the first row that counts.
+    Eigen::VectorXd shown = Eigen::VectorXd::Zero(n), most = Eigen::VectorXd::Zero(n);
+    for (const PreslidingElement& e : elements) most += e.amplitude;
+    const Eigen::Index before = elements.empty() || log.kept.empty() ? 0 : log.kept.front();
+    for (Eigen::Index i = 0; i < before; ++i) {
+      const Eigen::VectorXd rigid =
+          regressor.at(log.q.row(i), log.dq.row(i), log.ddq.row(i), gravity) * theta;
+      shown += ((log.tau.row(i).transpose() - offset).cwiseQuotient(gain) - rigid) / before;
+    }
+    const Eigen::VectorXd start = shown.cwiseQuotient(most.cwiseMax(1e-9)).cwiseMax(-1).cwiseMin(1);
+    for (const PreslidingElement& e : elements) {
+      friction += friction_column({FrictionKind::initial, e.distance}, log.dq, log.ddq, {}, kProtocolStep) *
+                  start.cwiseProduct(e.amplitude).asDiagonal();
+    }
+  }
   if (options.motor_friction && robot.friction) friction += friction_torque(*robot.friction, log.dq);
   if (!friction.isZero(0)) out += log.kept_rows(protocol_filter(friction));
-  if (robot.torque_sensor && robot.torque_sensor->gain.size() == n) {
-    out *= Eigen::VectorXd(robot.torque_sensor->gain).asDiagonal();
-  }
-  if (robot.torque_sensor && robot.torque_sensor->offset.size() == n) {
-    out.rowwise() += Eigen::RowVectorXd(robot.torque_sensor->offset.transpose());
-  }
-  return out;
+  return (out * gain.asDiagonal()).rowwise() + offset.transpose();
 }
 
 std::string outside_range(const MeasuredLog& log, const RobotDescription& robot) {
