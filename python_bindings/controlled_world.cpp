@@ -145,7 +145,7 @@ void ControlledWorld::execute(const nlohmann::json& request) {
     refuse_now(request, "arm_refused",
                "the arm has no gripper that moves: in a scene, write 'fingers: movable'");
   gripper_answers_[arm].clear();
-  grippers_[arm] = backend_->request(arm, std::get<GripperRequest>(of_backend));  // ends the motion before
+  grippers_[arm] = request_arm(cycle_->modes(), *backend_, arm, std::get<GripperRequest>(of_backend));
 }
 
 void ControlledWorld::take(const Request& asked, const nlohmann::json& request) {

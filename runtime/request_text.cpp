@@ -141,6 +141,15 @@ std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend
   return backend.request(arm, std::move(request));
 }
 
+std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend& backend, ArmIndex arm,
+                                       GripperRequest request) {
+  if (modes.stopped().contains(arm) && !ends_motion(request))
+    return refuse_request("arm " + in_quotes(modes.arm_name(arm)) +
+                          " is stopped, and so is its gripper: resume the arm first; 'stop' of the gripper "
+                          "lets go of what it holds");
+  return backend.request(arm, std::move(request));
+}
+
 std::string no_such_controllet(const MultimodeController& modes, const std::string& name) {
   return "there is no controllet " + in_quotes(name) +
          name_hint(name, instance_names(modes), "there are none");

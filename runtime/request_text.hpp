@@ -19,9 +19,12 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
                    Intervention rule = Intervention::none);
 
 // Sends a request to an arm of the run. A load is refused here while the arm is stopped or guided by hand,
-// because a wrong one would move it.
+// because a wrong one would move it; a motion of the gripper while its arm is stopped, because a hand may be
+// between its fingers.
 std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend& backend, ArmIndex arm,
                                        ArmRequest request);
+std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend& backend, ArmIndex arm,
+                                       GripperRequest request);
 
 // Messages for unknown names, with the nearest valid one.
 std::string no_such_controllet(const MultimodeController& modes, const std::string& name);

@@ -46,6 +46,16 @@ void Reference::plan_goal(const Target& target) {
   const double gentle_s = std::max(rest_to_rest_duration(aim.distance.linear, kNoLimit, limit.linear),
                                    rest_to_rest_duration(aim.distance.angular, kNoLimit, limit.angular));
   plan_rest(aim.goal, std::max({target.duration_s, aim.shortest_s, gentle_s}), limit);
+  if (now_.velocity == QuinticSegment::Values{} || peak_excess(24) <= 1) return;
+  // In motion against it: the set-point brakes first, with 3/2 v / T + a / 4 at most. Otherwise each of many
+  // goals would raise the speed that the next one accepts.
+  const Magnitude speed = magnitude(now_.velocity);
+  braking_s_ = std::max({kBrakingTime, 2 * speed.linear / limit.linear, 2 * speed.angular / limit.angular});
+  QuinticSegment::Values rest = now_.position;
+  for (std::size_t i = 0; i < coordinates(); ++i) rest[i] += 0.5 * braking_s_ * now_.velocity[i];
+  segment_.plan(coordinates(), now_, rest, braking_s_);
+  waiting_for_ = target;
+  waiting_ = true;
 }
 
 // From the current motion to rest at the goal. `duration_s` suits a start at rest. A start in the wrong

@@ -207,7 +207,8 @@ void Reference::advance(double dt, double now_s) {
   take_chunk(now_s);
   if (posted) take(inbox_->targets.value(), now_s);
   take_due(now_s);
-  if (waiting_ && !streaming_ && !must_wait(waiting_for_, kWaitsFrom)) {
+  if (waiting_ && !streaming_) braking_s_ -= dt;
+  if (waiting_ && !streaming_ && braking_s_ <= 0 && !must_wait(waiting_for_, kWaitsFrom)) {
     waiting_ = false;
     ++planned_;
     plan_goal(waiting_for_);

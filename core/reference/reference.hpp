@@ -269,7 +269,7 @@ class Reference {
   bool is_pending_ = false;
   std::uint64_t planned_ = 0;
   bool moving_end_ = false;  // the segment ends with nonzero velocity
-  double braking_s_ = 0;     // remaining braking of a stream before its next sample is planned
+  double braking_s_ = 0;     // remaining braking before a stream's next sample or a goal is planned
   Harmonic motion_;          // added to the segment while it lasts
   bool in_motion_ = false;
   double t_motion_ = 0;  // time in the motion [s]
@@ -286,7 +286,7 @@ class Reference {
   double farthest_ = 0;
   std::array<Resistance, 2> resisting_{};  // hands, since the last advance(); a third replaces the weaker
   std::size_t resisting_count_ = 0;
-  Target waiting_for_;  // a target that arrived while the hand could not follow
+  Target waiting_for_;  // a target that arrived while the hand could not follow, or whose way a brake begins
   bool waiting_ = false;
 
   Pose X_d_;

@@ -207,6 +207,41 @@ TEST(Reference, StaysSmoothWhenGoalsChangeWhileMoving) {
   }
 }
 
+// Each in mid-motion, many against it: none may raise the speed that the next one finds.
+TEST(Reference, GoalsInQuickSuccessionKeepToTheSpeed) {
+  for (const bool pose : {true, false}) {
+    for (const int every : {20, 50, 100, 200, 350}) {
+      for (const std::uint32_t seed : {0U, 1U, 2U}) {  // 0: back and forth
+        Reference reference({.name = "input", .quantity = pose ? Quantity::pose : Quantity::joints}, 7);
+        pose ? reference.start(Pose{}) : reference.start(joint_constant(7, 0));
+        test::Draw draw(seed);
+        double fastest = 0, turning = 0;
+        for (int k = 0; k < 8000; ++k) {
+          if (k % every == 0) {
+            const double side = k / every % 2 == 0 ? 0.5 : -0.5;
+            Pose X{rotation_from_rpy({0, side, 0}), {0, side, 0}};
+            if (seed != 0) X = {exp_rotation(draw.vector3(0.5)), draw.vector3(0.5)};
+            Target target = pose_target(X);
+            if (!pose) {
+              target.size = 7;
+              for (double& value : target.values) value = seed == 0 ? side : draw.uniform(-0.5, 0.5);
+            }
+            ASSERT_EQ(reference.post(target), Verdict::accepted);
+          }
+          reference.advance(1e-3, 1e-3 * k);
+          fastest = std::max(fastest, pose ? reference.twist().linear().norm()
+                                           : reference.joint_velocity().cwiseAbs().maxCoeff());
+          if (pose) turning = std::max(turning, reference.twist().angular().norm());
+        }
+        SCOPED_TRACE((pose ? "pose, every " : "joints, every ") + std::to_string(every) + " ms, seed " +
+                     std::to_string(seed));
+        EXPECT_LE(fastest, 1.02 * reference.spec().max_speed);
+        EXPECT_LE(turning, 1.02 * reference.spec().max_angular_speed);
+      }
+    }
+  }
+}
+
 TEST(Reference, AGoalUnderTheMovingSetPointStopsItSmoothly) {
   Reference reference = joint_reference();
   reference.start(joint_constant(7, 0));

@@ -285,7 +285,10 @@ class Bridge:
                 if not part:
                     self.ended = "the client is gone"
                 for one in frames.add(part):
-                    self.take(*one)
+                    try:
+                        self.take(*one)
+                    except struct.error as wrong:  # stops behind it count
+                        self.ended = f"not a frame: {wrong}"
             elif file in of_file and of_file[file] in self.sockets:
                 self.serve(of_file[file], events)
             elif self.mirror and file == self.mirror.socket.fileno():  # the run sends nothing here but its end

@@ -32,6 +32,7 @@ OTHER = "check the address; this system version may have another interface"
 STOPPED = "release the user stop, finish errors and due self-tests in Desk, then try again"
 HOLDER = "ask that user to release it in Desk or to end `arm ready`; --take requests it"
 ADVICE = {401: "check --user and the password by a login in a browser", 404: OTHER, 423: HOLDER}
+LOGIN = "POST /admin/api/login"
 # The request of a newer FR3's interface, then those of older systems: after HTTP 404 the next one is tried.
 ACTIONS = {
     "unlock": ["POST /api/arm/joints:unlock", "POST /desk/api/joints/unlock", "POST /desk/api/robot/open-brakes"],
@@ -149,11 +150,14 @@ class Desk:
         encoded = base64.b64encode(",".join(map(str, digest)).encode()).decode()
         basic = base64.b64encode(f"{user}:{password}".encode()).decode()
         self.web.secrets |= {password, encoded, basic}
-        self.session = {"Authorization": f"Basic {basic}"} if newer else {}
-        if not newer:
-            answer = self.call("POST /admin/api/login", {"login": user, "password": encoded})
-            self.session = {"Cookie": f"authorization={self.secret(answer)}"}
+        self.login = {"login": user, "password": encoded}
+        self.session = {"Authorization": f"Basic {basic}"} if newer else self.log_in()
         self.state()
+
+    def log_in(self) -> dict[str, str]:
+        """Begins a session of an older interface, which may expire."""
+        self.session: dict[str, str] = {}
+        return {"Cookie": f"authorization={self.secret(self.call(LOGIN, self.login))}"}
 
     def call(self, request: str, content: Any = None, limit_s: float = 0, optional: bool = False) -> Any:
         """Sends a request, a form if its content is text; the answer as JSON, or as text where it is not."""
@@ -163,6 +167,9 @@ class Desk:
             body = content if isinstance(content, str) else json.dumps(content)
             headers["Content-Type"] = "application/" + ("x-www-form-urlencoded" if body == content else "json")
         status, text = self.web.exchange(request, body, headers, limit_s or ANSWER_S)
+        if status == 401 and not self.newer and request != LOGIN:
+            self.session = self.log_in()
+            status, text = self.web.exchange(request, body, headers | self.session, limit_s or ANSWER_S)
         try:
             answer = json.loads(text)
         except (ValueError, RecursionError):
@@ -266,8 +273,10 @@ def first_look(web: Web) -> tuple[int, str]:
     found = web.exchange("GET /api/system", None, {}, ANSWER_S)
     if web.unknown:
         say(f"first contact with {web.host}; its certificate's SHA-256 is {web.expected}")
-        if sys.stdin.isatty() and input("Does a browser at the arm show this certificate? (yes) ") != "yes":
-            raise DeskError("the password was not sent", "compare the certificates; confirm with yes or --certificate")
+        question = "Does a browser at the arm show this certificate? (yes) "
+        if not sys.stdin.isatty() or input(question) != "yes":
+            advice = "compare it with what a browser at the arm shows; confirm with yes"
+            raise DeskError("the password was not sent", f"{advice}, or --certificate {web.expected}")
     return found
 
 

@@ -380,7 +380,7 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
           std::holds_alternative<VacuumOn>(*of_gripper) || std::holds_alternative<VacuumDrop>(*of_gripper);
       pending.ending = suction ? GripperRequest(VacuumStop{}) : GripperRequest(GripperStop{});
     }
-    pending.answer = run_.backend->request(target, std::move(*of_gripper));
+    pending.answer = request_arm(*run_.modes, *run_.backend, target, std::move(*of_gripper));
   } else {
     auto& of_arm = std::get<ArmRequest>(request);
     const auto* load = std::get_if<SetLoad>(&of_arm);
@@ -424,6 +424,8 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
         return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", "the backend did not answer"}};
       }
     }
+    if (pending.ending && run_.modes->stopped().contains(pending.arm))
+      (void)run_.backend->request(pending.arm, *std::exchange(pending.ending, {}));
     const double patience = std::max(kArmPatience, pending.patience_s);
     if (waited <= patience) return {};
     return refusal(Verdict::pending, kRequestUnfinished);  // not "timeout": it cannot be withdrawn

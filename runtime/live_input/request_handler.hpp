@@ -113,7 +113,7 @@ class RequestHandler {
   ArmIndex arm(const std::string& name) const;
   // Controllets that end with their client. Throws RequestRefused, but not for names that there are not.
   InstanceSet read_lead(const JsonFields& fields) const;
-  // The answer, once it is available or too late.
+  // The answer, once it is available or too late. A gripper's motion ends with a stop of its arm.
   std::optional<nlohmann::json> poll(Pending& pending);
 
   // --- streams ---

@@ -20,6 +20,7 @@ namespace {
 
 using nlohmann::json;
 using testing::HasSubstr;
+using testing::Not;
 
 class RequestsTest : public testing::Test {
  protected:
@@ -365,9 +366,16 @@ TEST(Loads, AreRefusedWhileTheArmIsStoppedOrGuided) {
   ASSERT_TRUE(loop.activate({"guide"}).accepted());
   EXPECT_THAT(answer(0), HasSubstr("guided by hand by 'guide'"));
   EXPECT_EQ(answer(1), of_backend);
+  const auto of_gripper = [&](GripperRequest request) {
+    return request_arm(loop.modes(), loop.world, 1, std::move(request)).get().reason;
+  };
+  EXPECT_THAT(of_gripper(GripperMove{}), Not(HasSubstr("is stopped")));
   loop.modes().stop(ArmSet::all(2));
   loop.step();
   for (const ArmIndex arm : {0, 1}) EXPECT_THAT(answer(arm), HasSubstr("is stopped"));
+  EXPECT_THAT(of_gripper(GripperMove{}), HasSubstr("is stopped"));
+  EXPECT_THAT(of_gripper(VacuumOn{}), HasSubstr("is stopped"));
+  EXPECT_THAT(of_gripper(GripperStop{}), Not(HasSubstr("is stopped")));
 }
 
 TEST_F(RequestsTest, RefusalsSuggestTheNearestName) {

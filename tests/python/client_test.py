@@ -631,6 +631,27 @@ class Gripper(unittest.TestCase):
             time.sleep(0.5)
             self.assertTrue(arm.gripper.state.grasped)  # what an answered grasp holds stays held
 
+    def test_a_stop_ends_a_motion_and_none_begins_until_the_arm_is_resumed(self):
+        with mp.run("grippers") as run:
+            arm = run.arms["left"]
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+                client.connect(str(run.connection.path))
+                asked = {"do": "gripper", "arm": "left", "action": "move", "width_m": 0.045, "id": 1}
+                client.sendall(json.dumps(asked | {"speed_m_per_s": 0.01}).encode() + b"\n")
+                until(lambda: arm.gripper.state.width_m < 0.075, "it closes")
+                run.stop()
+                self.assertFalse(json.loads(client.makefile("rb").readline())["ok"])
+            until(lambda: not arm.gripper.state.moving, "it is at rest")
+            width_m = arm.gripper.state.width_m
+            self.assertGreater(width_m, 0.05)
+            for action in (arm.gripper.homing, lambda: arm.gripper.move(0.07), lambda: arm.gripper.grasp(0.04, 20)):
+                with self.assertRaisesRegex(mp.Refused, "stopped, and so is its gripper"):
+                    action()
+            self.assertAlmostEqual(arm.gripper.state.width_m, width_m, delta=2e-4)
+            arm.gripper.stop()  # of what it may hold
+            run.resume()
+            arm.gripper.move(0.07)
+
     def test_an_arm_without_one(self):
         with mp.run("one_arm") as run:
             if run.arms["arm"].state.gripper is None:

@@ -42,9 +42,13 @@ class Commands(unittest.TestCase):
         self.config = harness.FOLDER / self.id().rpartition(".")[2]
         self.said = ""
 
-    def server(self, kind, pem=0, port=0):
+    def server(self, kind, pem=0, port=0, known=True):
         server = Server(kind, self.pems[pem], port)
         self.addCleanup(server.close)
+        if known:
+            pins = self.config / "multipanda/desk_certificates"
+            pins.mkdir(parents=True, exist_ok=True)
+            (pins / f"127.0.0.1_{server.server_port}").write_text(self.prints[pem])
         return server
 
     def start(self, *words, password=PASSWORD, waits=None, **pipes):
@@ -206,6 +210,22 @@ class Ready(Commands):
             self.assertEqual(child.wait(harness.PATIENCE), 0)
             self.assert_free(server)
 
+    def test_a_session_that_expires_is_renewed(self):
+        for kind in ("panda", "fr3"):  # newer systems have none
+            server = self.server(kind)
+            child = self.ready(server)
+            for renewed in (1, 2):
+                server.arm.sessions.clear()
+                harness.until(lambda: server.arm.sessions or child.poll() is not None, "another session")
+                before = len(server.arm.requests)
+                harness.until(lambda: len(server.arm.requests) > before + 3 or child.poll() is not None, "more looks")
+                self.assertIsNone(child.poll(), renewed)
+            self.assertTrue(server.arm.fci)
+            server.arm.sessions.clear()
+            child.terminate()
+            self.end(child, 0)
+            self.assert_free(server)
+
     def test_brakes_between_locked_and_unlocked_are_neither(self):
         for kind, path in (("fr3", "/desk/api/joints/lock"), ("newer", "/api/arm/joints:lock")):
             server = self.server(kind)
@@ -278,12 +298,12 @@ class Holders(Commands):
 
 class Certificates(Commands):
     def test_pinned_at_first_use_and_refused_when_changed(self):
-        server = self.server("fr3")
-        self.assertIn(self.prints[0], self.call("status", server.host))
+        server = self.server("fr3", known=False)
+        self.assertIn("pinned", self.call("status", server.host, "--certificate", self.prints[0]))
         self.assertNotIn("pinned", self.call("status", server.host))
         port = server.server_port
         server.close()
-        other = self.server("fr3", pem=1, port=port)
+        other = self.server("fr3", pem=1, port=port, known=False)
         said = self.call("ready", other.host, "--cleared", code=1)
         for text in (*self.prints, f"--certificate {self.prints[1]}"):
             self.assertIn(text, said)
@@ -295,7 +315,7 @@ class Certificates(Commands):
 
     def test_a_first_certificate_is_shown_before_the_password_goes_there(self):
         for answer, code in ((b"no\n", 1), (b"\x04", 130), (b"yes\n", 0)):
-            server = self.server("newer")
+            server = self.server("newer", known=False)
             master, slave = pty.openpty()
             child = self.start("status", server.host, stdin=slave, preexec_fn=lambda: take_terminal(slave))
             os.close(slave)
@@ -309,10 +329,20 @@ class Certificates(Commands):
             sent = [request for request in server.arm.requests if "Authorization" in request[2]]
             self.assertEqual(bool(sent), code == 0)
 
+    def test_without_a_terminal_a_first_certificate_is_refused(self):
+        for kind in KINDS:
+            server = self.server(kind, known=False)
+            for words in (["status"], ["lock"], ["ready", "--cleared"]):
+                said = self.call(words[0], server.host, *words[1:], code=1)
+                self.assertIn(f"--certificate {self.prints[0]}", said)
+            sent = [request for request in server.arm.requests if "Authorization" in request[2] or request[3]]
+            self.assertEqual(sent, [])
+
     def test_a_wrong_password_pins_nothing(self):
         for kind in KINDS:
-            server = self.server(kind)
-            said = self.call("status", server.host, password="hunter2", code=1)
+            server = self.server(kind, known=False)
+            words = ("status", server.host, "--certificate", self.prints[0])
+            said = self.call(*words, password="hunter2", code=1)
             self.assertIn(f"refused user '{USER}'", said)
             self.assertNotIn("hunter2", said)
         self.assertEqual([path for path in self.config.rglob("*") if path.is_file()], [])
@@ -402,7 +432,7 @@ class Strangers(Commands):
 
 class Passwords(Commands):
     def test_from_a_prompt_that_does_not_echo(self):
-        server = self.server("fr3")
+        server = self.server("fr3", known=False)
         master, slave = pty.openpty()
         self.addCleanup(os.close, master)
         child = self.start("status", server.host, password=None, stdin=slave, preexec_fn=lambda: take_terminal(slave))

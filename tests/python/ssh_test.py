@@ -18,6 +18,7 @@ import harness  # first: it sets the paths
 import multipanda as mp
 import numpy as np
 from harness import FOLDER, PATIENCE, until
+from multipanda.bridge import frame
 from ssh_server import MISSING, Sshd
 
 if MISSING:
@@ -321,6 +322,16 @@ class OverSsh(unittest.TestCase):
         self.while_frozen(do="resume", stops=self.run_.connection.ask({"do": "state"})["state"]["stops"])
         time.sleep(0.3)  # a request that was passed on has acted by then
         self.assertEqual(stopped(), [True, True])
+        self.run_.resume()
+
+    def test_behind_a_wrong_frame_a_stop_counts_and_nothing_else(self):
+        words = [mp.program_path(), "bridge", str(self.run_.connection.path)]
+        with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as child:
+            said = [b'{"do": "stop"}', b'{"do": "resume"}']
+            parts = [frame(b"l", 1), frame(b"p", 0, b"?"), *(frame(b"d", 1, line + b"\n") for line in said)]
+            error = child.communicate(b"".join(parts), PATIENCE)[1]
+        self.assertIn(b"not a frame", error)
+        until(lambda: self.run_.arms["left"].state.stopped, "the stop")
         self.run_.resume()
 
     def test_a_client_is_killed(self):

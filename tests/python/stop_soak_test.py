@@ -229,9 +229,9 @@ class StopSoak(unittest.TestCase):
                 with contextlib.suppress(PermissionError):
                     os.setpriority(os.PRIO_PROCESS, 0, 0)
         late.sort()
-        middle, high, most = (1e-6 * late[k] for k in (len(late) // 2, len(late) * 99 // 100, -1))
+        middle, high, most = (1e-6 * late[k] for k in (len(late) // 2, len(late) * 999 // 1000, -1))
         print(f"{stops} stops beside {', '.join(kinds)}, seed {SEED}, none refused; [ms of loop time]", end=" ")
-        print(f"median {middle:.1f}, 99 % {high:.1f}, largest {most:.1f}")
+        print(f"median {middle:.1f}, 99.9 % {high:.1f}, largest {most:.1f}")
         # Beside other tests a busy computer may delay single ones; alone, none is late.
         self.assertLessEqual(late[-1] if STOPS > 200 else late[len(late) // 2], MOST_LATE_NS)
 

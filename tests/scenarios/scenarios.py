@@ -468,6 +468,171 @@ def numbers_beyond_all_bounds():
     return "a force of 1e300 N is refused, the law goes on"
 
 
+@scenario(17)
+def fingers_when_their_client_dies_or_their_arm_stops():
+    asked = {"do": "gripper", "arm": "left", "action": "move", "width_m": 0, "speed_m_per_s": 0.01, "id": 1}
+    on = []
+    for what in ("death", "stop"):
+        with paused(ROOT / "config/scenes/grippers.yaml") as run:
+            hand = run.arms["left"].gripper
+            client = socket.socket(socket.AF_UNIX)
+            client.connect(str(run.connection.path))
+            client.sendall(json.dumps(asked).encode() + b"\n")
+            while hand.state.width_m > 0.078:
+                run.step(100)
+            if what == "death":
+                client.close()
+                run.connection.ask({"do": "state"})  # the next turn of the server
+            else:
+                told(run, run.stop)
+                refused(lambda hand=hand: told(run, lambda: hand.move(0.07)), "stopped")
+            run.step(100)
+            width = hand.state.width_m
+            run.step(1000)
+            on.append(abs(hand.state.width_m - width))
+    assert max(on) < 2e-4, on
+    return f"they go on by {1e3 * max(on):.2f} mm of 70; a stopped arm's fingers do not begin"
+
+
+def fastest(history, arm="arm"):
+    """The hand's largest speed, over 5 ms as in Motion."""
+    rows = np.unique(history.t_s, return_index=True)[1]
+    t, hand = history.t_s[rows], history[f"{arm}/position_m"][rows]
+    speeds = np.linalg.norm(hand[5:] - hand[:-5], axis=1) / (t[5:] - t[:-5])
+    return float(np.max(speeds, initial=0))
+
+
+@scenario(18)
+def goals_that_replace_each_other():
+    worst, dice = 0.0, np.random.default_rng(1)
+    for every, count in ((20, 200), (100, 40), (200, 30)):
+        with paused(scene("goals", ARM)) as run:
+            law = run["cartesian"]
+            told(run, law.activate)
+            pose = run.arms["arm"].state.pose
+            for number in range(count):
+                y = dice.uniform(-0.3, 0.3) if every < 200 else 0.3 * (-1) ** number
+                goal = {"do": "reference", "controllet": "cartesian", "input": "pose", "duration_s": 0.01}
+                goal |= {"position_m": [*(pose.position_m + [0, y, 0])], "quaternion_wxyz": [*pose.quaternion_wxyz]}
+                run.connection.post(goal)
+                run.step(every)
+                worst = max(worst, fastest(run.history(0.25)))
+    assert 0.1 < worst <= HAND_M_PER_S * SLACK, worst
+    return f"hand at most {worst:.3f} m/s"
+
+
+@scenario(19)
+def two_clients_that_stream_to_one_arm():
+    with paused(scene("streams", ARM)) as run, mp.connect(run.connection.path) as other:
+        told(run, run["cartesian"].activate)
+        pose, speeds = run.arms["arm"].state.pose, []
+        for number in range(400):
+            client, y = ((run, 0.15), (other, -0.15))[number % 2]
+            sample = {"do": "reference", "controllet": "cartesian", "input": "pose", "stream": True, "id": 1}
+            sample |= {"position_m": [*(pose.position_m + [0, y, 0])], "quaternion_wxyz": [*pose.quaternion_wxyz]}
+            client.connection.ask(sample)
+            run.step(5)
+            if number % 80 == 79:
+                speeds.append(fastest(run.history(0.4)))
+    assert max(speeds) <= HAND_M_PER_S * SLACK, speeds
+    return f"hand at most {max(speeds):.3f} m/s"
+
+
+def held_motion(run, seconds):
+    """A page that keeps its button pressed, and a way to go on with that."""
+    page = Page(re.search(r"http://\S+", run.process.output + run.process.messages)[0])
+    page.ask("control", take=True)
+    pose = run.arms["arm"].state.pose
+
+    def beat(for_s):
+        end = time.monotonic() + for_s
+        with contextlib.suppress(OSError):  # a server that stands still
+            while time.monotonic() < end:
+                page.send({"beat": 1})
+                time.sleep(0.03)
+
+    beat(0.1)
+    page.send({"do": "switch", "id": "switch", "activate": ["cartesian"]})
+    beat(0.5)
+    goal = {"do": "reference", "id": "goal", "controllet": "cartesian", "input": "pose", "duration_s": 6}
+    goal |= {"position_m": [*(pose.position_m + [0, 0.3, 0])], "quaternion_wxyz": [*pose.quaternion_wxyz]}
+    page.send(goal)
+    beat(seconds)
+    assert page.answer("switch")["ok"] and page.answer("goal")["ok"]
+    return page, beat
+
+
+@scenario(20)
+def a_recovery_while_a_page_holds_its_button():
+    moved = []
+    for what in ("user stop", "stop", "end of its motion"):
+        with mp.run("one_arm", arguments=("--cockpit", "0")) as run:
+            arm = run.arms["arm"]
+            page, beat = held_motion(run, 1.5)
+            {"user stop": lambda arm=arm: arm.user_stop(True), "stop": run.stop}.get(what, arm.stop_motion)()
+            beat(1)
+            place = arm.state.pose.position_m
+            {"user stop": lambda arm=arm: arm.user_stop(False), "stop": run.resume}.get(what, arm.recover)()
+            beat(2)
+            moved.append(np.linalg.norm(arm.state.pose.position_m - place))
+            assert arm.state.held, what
+            page.close()
+    assert max(moved) < STILL_M, moved
+    return f"held; moved by {1e3 * max(moved):.1f} mm"
+
+
+@scenario(21)
+def a_page_server_that_stands_still():
+    with mp.run("one_arm", arguments=("--cockpit", "0")) as run:
+        arm = run.arms["arm"]
+        page, beat = held_motion(run, 1.5)
+        program = run.process.child.pid
+        servers = [int(n) for n in pathlib.Path(f"/proc/{program}/task/{program}/children").read_text().split()]
+        servers = [n for n in servers if b"page_server" in pathlib.Path(f"/proc/{n}/cmdline").read_bytes()]
+        assert servers, "no page server"
+        for each in servers:
+            os.kill(each, signal.SIGSTOP)
+        try:
+            until(lambda: arm.state.held, "hold")
+            time.sleep(0.5)
+            place = arm.state.pose.position_m
+            for number, asked in enumerate(({"do": "resume"}, {"do": "switch", "activate": ["joint"]})):
+                page.send({"id": number, **asked})
+            beat(1)
+        finally:
+            for each in servers:
+                os.kill(each, signal.SIGCONT)
+        beat(1.5)
+        moved = np.linalg.norm(arm.state.pose.position_m - place)
+        assert arm.state.held and moved < STILL_M, (run.active, moved)
+    return f"held while it stands; moved by {1e3 * moved:.1f} mm when it goes on"
+
+
+@scenario(22)
+def floods_of_requests_to_a_stopped_arm():
+    with paused(scene("flood", ARM + TABLE.format(0.4869 - 0.03 - 0.1))) as run:
+        told(run, run["cartesian"].activate)
+        told(run, run.stop)
+        before, count = run.arms["arm"].state.q_rad, 0
+        for turn in range(10):
+            for law in (run[name] for name in ("joint", "cartesian", "guide", "arm_hold")):
+                asked = [{"do": "feature", "name": "collision_avoidance", "on": turn % 2 == 0}]
+                for name, described in law.descriptors.items():
+                    bounds = (getattr(described, "low", None), getattr(described, "high", None))
+                    asked += [{"do": "parameter", "name": name, "value": float(x)} for x in bounds if x is not None]
+                for each in asked:
+                    run.connection.post({"controllet": law.name, **each})
+                count += len(asked)
+            tool = {"position_m": [0, 0, 0.4 * (turn % 2)], "rpy_rad": [0, 0, 0]}
+            run.connection.post({"do": "set_load", "arm": "arm", "mass_kg": 2.0})
+            run.connection.post({"do": "set_frames", "arm": "arm", "end_effector": tool})
+            run.step(300)
+        state = run.arms["arm"].state
+        moved = float(np.max(np.abs(state.q_rad - before)))
+        assert state.stopped and moved < 5e-3 and count > 300, (moved, count)
+    return f"{count} requests: joints move by {1e3 * moved:.2f} mrad"
+
+
 def main():
     all_of_them = os.environ.get("MULTIPANDA_FULL") == "1"
     numbers = [int(word) for word in sys.argv[2:]] or (list(SCENARIOS) if all_of_them else [1, 2, 16])

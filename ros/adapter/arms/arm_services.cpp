@@ -146,13 +146,8 @@ void send(const AdapterContext& run, ArmIndex arm, Request request, double timeo
   }
   std::shared_ptr<std::future<RequestAnswer>> future;
   try {
-    auto answer = [&] {
-      if constexpr (std::is_same_v<Request, ArmRequest>)
-        return multipanda::request_arm(*run.modes, *run.backend, arm, std::move(request));
-      else
-        return run.backend->request(arm, std::move(request));
-    };
-    future = std::make_shared<std::future<RequestAnswer>>(answer());
+    future = std::make_shared<std::future<RequestAnswer>>(
+        multipanda::request_arm(*run.modes, *run.backend, arm, std::move(request)));
   } catch (const std::exception& error) {
     return answered({.success = false, .reason = error.what()});
   }

@@ -43,7 +43,7 @@ class Gripper : public AdapterPart {
   // The running motion of any of the actions.
   struct Running {
     std::function<void(const Width&)> feedback;
-    bool preempted = false;
+    bool preempted = false, stopped = false;
   };
 
   template <class A>
