@@ -108,8 +108,7 @@ Shape moved(const Shape& shape, const Pose& X_AB, const std::string& link) {
 
 Pose shape_pose(const Shape& shape) {
   if (shape.kind == ShapeKind::box || shape.kind == ShapeKind::sphere) return shape.center.pose();
-  return Pose::from(0.5 * (shape.from + shape.to),
-                    rotation_between(Vector3::UnitZ(), shape.to - shape.from));
+  return Pose::from(0.5 * (shape.from + shape.to), rotation_between(Vector3::UnitZ(), shape.to - shape.from));
 }
 
 std::vector<Shape> link_visuals(const RobotDescription& robot) {

@@ -98,7 +98,7 @@ void visit(Archive& archive, SceneForceSensor& sensor) {
   archive(
       Key("max_age_s", "A law that needs the force ends when the last record is older.").within(0.002, 0.03),
       sensor.mount.max_age_s);
-  archive(Key("address", "Of a real one: IPv4 address or host name."), sensor.address);
+  archive(Key("address", "IPv4 address or host name of a real one."), sensor.address);
   archive(Key("counts_per_n", "As its own page shows them, with N and N m as its units.")
               .in("1/N")
               .within(1, 1e9),

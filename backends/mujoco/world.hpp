@@ -92,7 +92,7 @@ class World {
   Wrench tip_wrench(std::size_t arm, const Vector3& p_W) const;
 
   // The load on a sensor between flange and all that is on it, with its weight and inertia: about S, axes of
-  // S. Of the last physics step; call update_loads() first. `at_rest`: without accelerations, as before the
+  // S, in the last physics step; call update_loads() first. `at_rest`: without accelerations, as before the
   // first step, in which no motor acts yet.
   void update_loads(bool at_rest) {
     if (at_rest) std::fill_n(data_->qacc, model_->nv, 0.0);

@@ -8,7 +8,7 @@
 namespace multipanda {
 namespace {
 
-// Of the load, about S, axes of S.
+// The weight of a load, about S, axes of S.
 Wrench weight_of(const Load& load, const Pose& X_FS, const Matrix3& R_WS) {
   Wrench weight;
   weight.force() = load.mass * (R_WS.transpose() * Vector3(0, 0, -9.81));  // [m/s^2]

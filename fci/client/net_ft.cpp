@@ -90,9 +90,9 @@ void NetFt::stop() {
 void NetFt::run() {
   HostTime asked = host_now(), heard = asked;
   ask(kStream);
-  pollfd wanted{.fd = socket_, .events = POLLIN, .revents = 0};
+  pollfd readable{.fd = socket_, .events = POLLIN, .revents = 0};
   while (!ending_) {
-    (void)::poll(&wanted, 1, 50);
+    (void)::poll(&readable, 1, 50);
     std::array<unsigned char, 64> datagram{};
     for (int k = 0; k < 1000; ++k) {  // bounded: a flood must not keep it from ending
       const ssize_t size = ::recv(socket_, datagram.data(), datagram.size(), 0);

@@ -76,9 +76,9 @@ class Device {
 
  private:
   void serve() {
-    pollfd wanted{.fd = socket_, .events = POLLIN, .revents = 0};
+    pollfd readable{.fd = socket_, .events = POLLIN, .revents = 0};
     while (!ending_) {
-      if (::poll(&wanted, 1, 1) > 0) {
+      if (::poll(&readable, 1, 1) > 0) {
         std::array<unsigned char, 16> request{};
         const std::lock_guard lock(mutex_);
         socklen_t size = sizeof client_;

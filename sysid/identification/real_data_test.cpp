@@ -89,8 +89,8 @@ TEST_F(RealPanda, is_predicted_better_than_by_published_parameters_with_physical
   EXPECT_LT(again.rmse_unfiltered.mean(), 0.3);
 }
 
-// Joint 5 stays within 0.01 rad of another place in each file: without its start it was off by 0.15 to 0.2 N
-// m.
+// Joint 5 stays within 0.01 rad of another place in each file. Without its start it was off by 0.15 to 0.2
+// N m there.
 TEST_F(RealPanda, as_is_a_research_3_from_another_file) {
   const fs::path data = fs::path(MULTIPANDA_SOURCE_DIR) / "../shared/data";
   const MeasuredLog two = read_measured(data / "fr3_circle_2.csv").front(),
