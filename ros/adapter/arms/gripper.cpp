@@ -181,7 +181,7 @@ void Gripper::take(const CycleRecord& record) {
     const std::lock_guard lock(mutex_);
     width_ = now;
     running = running_;
-    if (running && arm.stopped && !std::exchange(running->stopped, true))
+    if (running && run_.modes->stopped().contains(arm_) && !std::exchange(running->stopped, true))
       (void)run_.backend->request(arm_, GripperStop{});
   }
   if (feedback_due_.due(record.cycle) && running) running->feedback(now);
