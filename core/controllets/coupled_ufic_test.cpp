@@ -372,10 +372,10 @@ TEST(CoupledUfic, APushTowardsTheSetPointLetsGoOfNothing) {
   }
 }
 
-// Held 0.1 m beside their set-points: the more loaded hand pulls with the bound, the other with less.
+// Held 0.1 m beside their set-points: the more loaded hand pulls with the bound at most.
 TEST(CoupledUfic, SpringsPullWithNoMoreThanTheBoundsForContact) {
   Draw draw(113);
-  int compared = 0;
+  double greatest = 0;
   for (int trial = 0; trial < 12; ++trial) {
     Bench bench;
     bench.rig.bound({.hand_speed = 0.25, .spring_force = 30, .spring_moment = 10});
@@ -394,11 +394,10 @@ TEST(CoupledUfic, SpringsPullWithNoMoreThanTheBoundsForContact) {
       const Vector6 F = bench.rig.terms(i).task().J_bar.transpose() * bench.rig.tau(i);
       most = std::max({most, F.head<3>().norm() / 30, F.tail<3>().norm() / 10});
     }
-    if (bench.rig.terms(0).task().floored || bench.rig.terms(1).task().floored) continue;  // shows less
-    EXPECT_NEAR(most, 1, 1e-6) << "trial " << trial;
-    ++compared;
+    EXPECT_LT(most, 1 + 1e-6) << "trial " << trial;
+    greatest = std::max(greatest, most);
   }
-  EXPECT_GE(compared, 3);
+  EXPECT_NEAR(greatest, 1, 1e-6) << "where nothing softens the springs";
 }
 
 // A mass that is declared and not there lifts the hands: at most what both arms carry, and slowly.

@@ -72,6 +72,8 @@ TEST(RecordState, HoldsTheReportOfTheInterface) {
   report.dq_d = counted_from(20);
   report.theta = counted_from(30);
   report.elbow = {0.4, -1};
+  report.X_BE_d.position = {1, 2, 3};
+  report.X_BE_c.position = {4, 5, 6};
   report.joint_contact = 1;
   report.joint_collision = 2;
   report.cartesian_contact = 3;
@@ -84,6 +86,8 @@ TEST(RecordState, HoldsTheReportOfTheInterface) {
   expect_counted(sample.dq_d, 20);
   expect_counted(sample.theta, 30);
   EXPECT_EQ(sample.elbow, report.elbow);
+  EXPECT_EQ(sample.X_BE_d[2], 3);
+  EXPECT_EQ(sample.X_BE_c[2], 6);
   EXPECT_EQ(sample.joint_contact, 1u);
   EXPECT_EQ(sample.joint_collision, 2u);
   EXPECT_EQ(sample.cartesian_contact, 3u);

@@ -58,7 +58,7 @@ struct Request {
   static constexpr std::uint32_t kEveryStop = 0xFFFFFFFF;
   std::uint32_t stops = kEveryStop;  // MultimodeController::stops() of that state
 
-  std::uint16_t batch = 1;  // number of requests of one call, taken in the same cycle; set in the first one
+  std::uint16_t batch = 1;  // number of requests of one call, taken in the same cycle
 };
 
 // Result of a switch, as instance bits.
