@@ -108,8 +108,9 @@ class ChainBuilder {
       refuse(source_.name, "the URDF has a joint with several coordinates or without limits, '" + own.name +
                                "'; expected revolute and prismatic joints");
     }
-    to_.joints.emplace_back(own.type == urdf::Joint::PRISMATIC, Vector3(own.axis.x, own.axis.y, own.axis.z),
-                            X_PJ);
+    const Vector3 axis(own.axis.x, own.axis.y, own.axis.z);
+    if (!(axis.norm() > 1e-6)) refuse(source_.name, "the axis of joint '" + own.name + "' has no direction");
+    to_.joints.emplace_back(own.type == urdf::Joint::PRISMATIC, axis, X_PJ);
     if (to_.joints.size() > kMaxJoints) return;
     const auto append = [](JointVector& to, double value) {
       to.conservativeResize(to.size() + 1);

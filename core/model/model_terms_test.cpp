@@ -295,6 +295,13 @@ TEST(ArmModel, RefusesInvalidSources) {
   source.flange = "flange";
   EXPECT_THROW(ArmModel{source}, std::invalid_argument);
   source.urdf = TestArm::make().urdf();
+  // An axis of length zero would make a rotation that is none: the arm would be computed at another place.
+  std::string without_direction = source.urdf;
+  const std::size_t at = without_direction.find("xyz='", without_direction.find("<axis ")) + 5;
+  without_direction.replace(at, without_direction.find('\'', at) - at, "0 0 0");
+  source.urdf.swap(without_direction);
+  EXPECT_THROW(ArmModel{source}, std::invalid_argument);
+  source.urdf.swap(without_direction);
   source.flange = "no_such_link";
   EXPECT_THROW(ArmModel{source}, std::invalid_argument);
   source.flange = "link2";
