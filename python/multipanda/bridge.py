@@ -71,6 +71,8 @@ class Frames:
         while len(self._left) >= HEADER.size:
             size, kind, number = HEADER.unpack_from(self._left)
             if size > MOST_BYTES:
+                if found:
+                    break  # a stop may be among them
                 raise ValueError("not a frame")
             end = HEADER.size + size
             if len(self._left) < end:

@@ -18,7 +18,7 @@ import harness  # first: it sets the paths
 import multipanda as mp
 import numpy as np
 from harness import FOLDER, PATIENCE, until
-from multipanda.bridge import frame
+from multipanda.bridge import HEADER, MOST_BYTES, Frames, frame
 from ssh_server import MISSING, Sshd
 
 if MISSING:
@@ -101,6 +101,15 @@ def bridges():
             if any(w.endswith(b"/bridge.py") for w in words) and any(str(FOLDER).encode() in w for w in words):
                 found.append(int(path.parent.name))
     return [number for number in found if not harness.ended(number)]
+
+
+class FramesOfABridge(unittest.TestCase):
+    def test_a_stop_before_a_frame_of_wrong_size_is_not_lost(self):
+        stop = b'{"do": "stop"}\n'
+        frames = Frames()
+        found = frames.add(frame(b"d", 1, stop) + HEADER.pack(MOST_BYTES + 1, b"d"[0], 1))
+        self.assertEqual(found, [(b"d", 1, stop)])
+        self.assertRaises(ValueError, frames.add, b"")
 
 
 class OverSsh(unittest.TestCase):
