@@ -108,9 +108,12 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
                                     "' has a force sensor, which this backend does not read; use mujoco or "
                                     "fci, or remove 'force_sensor'");
       sensed_.back().emplace(*mount);
-    } else if (hz > 0 || !backend.capabilities(arm).has_external_torque) {
-      observed_ |= ArmSet::of(arm);
     }
+    // What an arm estimates beside a moving base is no judge of its sensor.
+    const bool rides = sensed_.back() && std::ranges::any_of(config.arms, [&](const CycleConfig::Arm& other) {
+                         return other.mount && (&other == &config.arms[arm] || other.mount->carrier == arm);
+                       });
+    if (hz > 0 || rides || !backend.capabilities(arm).has_external_torque) observed_ |= ArmSet::of(arm);
   }
   for (ArmIndex arm = 0; arm < mounts_.size(); ++arm) {
     if (mounts_[arm]) data_.terms[mounts_[arm]->carrier].carry(data_.terms[arm], mounts_[arm]->joint);

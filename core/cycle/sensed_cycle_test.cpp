@@ -75,7 +75,9 @@ TEST_F(Sensed, EndALawThatNeedsThemByTheNameOfTheFault) {
        {Case{Intervention::force_sensor_silent, [](ForceReading& r) { r.age_s = 1; }},
         Case{Intervention::force_sensor_saturated, [](ForceReading& r) { r.F_S.force().x() = 2000; }},
         Case{Intervention::force_sensor_fault,
-             [](ForceReading& r) { r.F_S.force().x() = std::numeric_limits<double>::quiet_NaN(); }}}) {
+             [](ForceReading& r) { r.F_S.force().x() = std::numeric_limits<double>::quiet_NaN(); }},
+        Case{Intervention::force_sensor_contradicted,
+             [](ForceReading& r) { r.F_S.force().setConstant(50); }}}) {
     world.readings[0] = {.records = 1};
     build();
     step();
@@ -85,6 +87,7 @@ TEST_F(Sensed, EndALawThatNeedsThemByTheNameOfTheFault) {
     ASSERT_TRUE(runs("press"));
     wrong.spoil(world.readings[0]);
     step();
+    for (int k = 0; k < 210 && wrong.rule == Intervention::force_sensor_contradicted; ++k) step();
     EXPECT_FALSE(runs("press"));
     EXPECT_EQ(cycle->modes().owner(0), 0);  // its hold
     EXPECT_TRUE(cycle->data().tau_cmd[0].allFinite());

@@ -33,7 +33,13 @@ struct SensorFault {
 //   F_hat_K = -F_on_arm, moved from S to K, in world axes;   tau_ext_hat = J_K^T F_hat_K
 // m and c are those of `carried` and the declared payload; their inertia when the arm accelerates is not
 // compensated. The bias is what remains when the arm is at rest and free: taken once, at the first rest, if
-// it is no more than kMostForce and kMostMoment; more is a contact or a wrong `carried`.
+// it is no more than kMostForce and kMostMoment, and the arm itself feels no more than kMostFelt; more is a
+// contact or a wrong `carried`.
+//
+// The arm's own estimate knows nothing of the sensor's mount, signs, units, address, or of a bias that
+// somebody takes while the run is on: if the joint torques differ by more than kMostDifference for kDoubt,
+// one of them is wrong, or something else than the tool is pushed. A sensor that shows nothing, or the other
+// way, thus ends a press at 20 to 40 N. Prismatic joints do not count: their own friction is of that size.
 //
 // With a fault, the wrench is unknown: has_wrench_estimate is false, and the numbers are NaN, so that laws
 // that need them end.
@@ -42,6 +48,9 @@ class SensedForce {
   static constexpr double kTareTime = 0.2;                       // [s]
   static constexpr double kRest = 0.02;                          // [rad/s]
   static constexpr double kMostForce = 30.0, kMostMoment = 3.0;  // [N], [N m]
+  // Arms at rest estimate up to 0.75 N m per joint of their own (docs/forces.md), in motion 20 N at the hand.
+  static constexpr double kMostFelt = 4.0, kMostDifference = 10.0;  // [N m]
+  static constexpr double kDoubt = 0.2;                             // [s]
 
   // Throws std::invalid_argument if a value is not finite or out of range.
   explicit SensedForce(const ForceSensorMount& mount);
@@ -51,19 +60,20 @@ class SensedForce {
     Vector3 p_WK;
     const Jacobian& J_V_WK;  // at K, world axes (6 x n)
   };
-  // For every packet of the arm. `dt`: of the loop's step. Fills tau_ext_hat, F_K_W_est, has_wrench_estimate.
-  // Loop thread, no allocation.
+  // For every packet of the arm, whose tau_ext_hat is its own estimate, or empty. `dt`: of the loop's step.
+  // Fills tau_ext_hat, F_K_W_est, has_wrench_estimate. Loop thread, no allocation.
   SensorFault update(const ForceReading& reading, const Place& place, double dt, ArmState& state);
 
  private:
   SensorFault fault_of(const ForceReading& reading) const;
-  SensorFault take(const Wrench& bias);
+  SensorFault take(const Wrench& bias, double felt);
 
   ForceSensorMount mount_;
   Wrench bias_;  // about S, axes of S
   bool tared_ = false;
   // At rest [s]. An arm rests before its loop begins. The mean may have begun before the rest.
   double rested_ = 2 * kTareTime;
+  double contradicted_ = 0;  // by the arm's own estimate [s]
 };
 
 }  // namespace multipanda

@@ -205,6 +205,65 @@ TEST(SensedForce, IsTaredAtRestAndFreeOnly) {
   EXPECT_NEAR(steps * 1e-3, 2 * SensedForce::kTareTime, 2e-3);
 }
 
+// The joints of the bench feel a force along z at levers of 0.5 m (the first) and none.
+struct Felt : Bench {
+  Felt() {
+    J(5, 0) = 1;
+    J(2, 0) = 0.5;
+  }
+  SensorFault update(SensedForce& sensor, double shown_n, double felt_nm, double dt = 1e-3) {
+    state.tau_ext_hat = joint_constant(7, 0);
+    state.tau_ext_hat[0] = felt_nm;
+    return Bench::update(sensor, pressed_with(shown_n), dt);
+  }
+};
+
+// A run that begins while the tool presses with 20 N must not call that a bias: every press would be 20 N
+// harder than it says.
+TEST(SensedForce, IsNotTaredWhileTheArmItselfFeelsAContact) {
+  Felt bench;
+  SensedForce sensor(bench.mount);
+  const SensorFault fault = bench.update(sensor, 20, -10);
+  EXPECT_EQ(fault.rule, Intervention::force_sensor_not_tared);
+  EXPECT_EQ(fault.value, 10);
+  EXPECT_FALSE(bench.state.has_wrench_estimate);
+  EXPECT_EQ(bench.update(sensor, 0, -0.75).rule, Intervention::none);  // its own bias
+  bench.update(sensor, 10, -5);
+  EXPECT_NEAR(bench.state.F_K_W_est.force().z(), -10, 1e-12);
+}
+
+// Mounted upside down, in pounds, of another arm, frozen, or tared by somebody else: it contradicts the arm.
+TEST(SensedForce, IsUnknownIfTheArmFeelsSomethingElse) {
+  for (const double share : {1.0, -1.0, 0.0, 1 / 4.448}) {
+    Felt bench;
+    SensedForce sensor(bench.mount);
+    ASSERT_EQ(bench.update(sensor, 0, 0).rule, Intervention::none);
+    double pressed = 0;  // rises by 100 N/s
+    SensorFault fault;
+    for (; pressed < 60 && fault.rule == Intervention::none; pressed += 0.1)
+      fault = bench.update(sensor, share * pressed, -0.5 * pressed);
+    if (share == 1) {
+      EXPECT_EQ(fault.rule, Intervention::none);
+      continue;
+    }
+    EXPECT_EQ(fault.rule, Intervention::force_sensor_contradicted) << share;
+    EXPECT_FALSE(bench.state.tau_ext_hat.allFinite());
+    EXPECT_LT(pressed, 50) << share;
+    EXPECT_NEAR(pressed, 20 / (1 - share) + 100 * SensedForce::kDoubt, 1) << share;
+    EXPECT_EQ(bench.update(sensor, 0, 0).rule, Intervention::none);
+  }
+  // A touch, or joints that slide, do not count; nor an arm that has no estimate.
+  Felt bench;
+  SensedForce sensor(bench.mount);
+  ASSERT_EQ(bench.update(sensor, 0, 0).rule, Intervention::none);
+  for (int k = 0; k < 150; ++k) EXPECT_EQ(bench.update(sensor, 0, 15).rule, Intervention::none);
+  EXPECT_EQ(bench.update(sensor, 0, 0).rule, Intervention::none);
+  bench.J(5, 0) = 0;
+  for (int k = 0; k < 500; ++k) EXPECT_EQ(bench.update(sensor, 0, 15).rule, Intervention::none);
+  bench.state.tau_ext_hat.resize(0);
+  EXPECT_EQ(bench.Bench::update(sensor, bench.pressed_with(0)).rule, Intervention::none);
+}
+
 TEST(SensedForce, RefusesAnImpossibleMount) {
   const auto refused = [](const auto& change) {
     ForceSensorMount mount;

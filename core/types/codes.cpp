@@ -31,7 +31,8 @@ constexpr std::array<Rule, static_cast<std::size_t>(Intervention::count_)> kInte
      {"force sensor silent", "s"},
      {"force sensor saturated", "N"},
      {"force sensor fault", ""},
-     {"force sensor not tared", "N"}}};
+     {"force sensor not tared", "N"},
+     {"force sensor contradicts the arm", "N m"}}};
 
 struct VerdictText {
   std::string_view name, text;

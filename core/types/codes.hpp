@@ -27,11 +27,12 @@ enum class Intervention : std::uint8_t {
   stop_requested,        // a stop was requested: arm is held until resumed
   observed_arm_lost,     // an arm that the controllet observes is silent or in error: its arms are held
   // The controllet needs the force sensor of one of its arms: removed.
-  force_sensor_silent,     // no recent record of it
-  force_sensor_saturated,  // beyond its range
-  force_sensor_fault,      // it reports an error, was restarted, or sends what is not a number
-  force_sensor_not_tared,  // the arm has not been at rest, or bears more than a bias
-  count_                   // number of codes
+  force_sensor_silent,        // no recent record of it
+  force_sensor_saturated,     // beyond its range
+  force_sensor_fault,         // it reports an error, was restarted, or sends what is not a number
+  force_sensor_not_tared,     // the arm has not been at rest, or bears more than a bias
+  force_sensor_contradicted,  // the arm's own estimate is another
+  count_                      // number of codes
 };
 
 // Result of a request.

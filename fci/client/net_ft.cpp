@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstdio>
 #include <cstring>
+#include <limits>
 #include <netinet/in.h>
 #include <poll.h>
 #include <stdexcept>
@@ -21,6 +22,8 @@ constexpr std::uint16_t kStop = 0, kStream = 2;
 constexpr std::uint32_t kMonitor = 1u << 16;    // a threshold that the user has set: no fault
 constexpr std::uint32_t kSaturated = 1u << 17;  // transducer saturated, or an error of its converter
 constexpr std::int32_t kLate = 1000;            // samples that one may come late
+constexpr double kMostSamples = 8000;           // of any device, per second
+constexpr double kStall = 60;                   // of this computer, whose backlog counts as received now [s]
 
 std::uint32_t big_endian(const unsigned char* p) {
   return std::uint32_t{p[0]} << 24 | std::uint32_t{p[1]} << 16 | std::uint32_t{p[2]} << 8 | p[3];
@@ -123,13 +126,18 @@ void NetFt::run() {
 void NetFt::take(const unsigned char* record, HostTime now) {
   const std::uint32_t sample = big_endian(record + 4), status = big_endian(record + 8);
   const auto ahead = static_cast<std::int32_t>(sample - sample_);
-  if (last_.reading.records > 0 && ahead <= 0) {
-    if (ahead >= -kLate) {
+  const double silence_s = seconds(now - last_.received);
+  if (last_.reading.records > 0) {
+    if (ahead <= 0 && ahead >= -kLate) {
       late_.fetch_add(1, std::memory_order_relaxed);
       return;
     }
-    if (!restarted_) tell("it was restarted; start the run again for a new tare");
-    restarted_ = true;
+    const bool too_far = ahead > kMostSamples * (silence_s + kStall);
+    const bool begun_since = silence_s > 1 && sample < kMostSamples * silence_s;
+    if (!restarted_ && (ahead < 0 || too_far || begun_since)) {
+      tell("it was restarted; start the run again for a new tare");
+      restarted_ = true;
+    }
   }
   sample_ = sample;
   ForceReading& reading = last_.reading;
@@ -156,6 +164,7 @@ void NetFt::average(HostTime now) {
     summed_ = 0;
     sum_.setZero();
     sum_began_ = now;
+    last_.reading.mean_S.vector.setConstant(std::numeric_limits<double>::quiet_NaN());  // of another time
     if (last_.reading.fault != Intervention::none) return;
   }
   sum_ += last_.reading.F_S.vector;

@@ -17,8 +17,10 @@ namespace multipanda::fci {
 // Fx Fy Fz Tx Ty Tz in counts. All big-endian. The device streams up to 7000 records per second.
 //
 // A thread of its own reads the records and hands the newest to the loop. It asks again when the device is
-// silent. Late and repeated records, by the sample's number, are dropped. A number far below the last one
-// means that the device was restarted: its own settings may have changed, so it stays a fault until start().
+// silent. Late and repeated records, by the sample's number, are dropped. The number counts from the device's
+// start: one far below the last one, beyond what it can have counted since, or so small that it may have
+// begun since, means that the device was restarted. Its own settings may have changed, so it stays a fault
+// until start().
 class NetFt {
  public:
   struct Config {

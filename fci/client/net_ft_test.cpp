@@ -52,7 +52,7 @@ class Device {
     status_ = status;
   }
   void mute(bool on) { muted_ = on; }
-  void restart() { sample_ = 10; }
+  void restart(std::uint32_t at = 10) { sample_ = at; }
   // Instead of the next number of a sample, and beside the stream.
   void send_raw(const std::vector<unsigned char>& bytes) {
     const std::lock_guard lock(mutex_);
@@ -112,7 +112,7 @@ class Device {
   sockaddr_in client_{};
   Counts counts_{};
   std::uint32_t status_ = 0;
-  std::atomic<std::uint32_t> sample_{100000}, sequence_{0};
+  std::atomic<std::uint32_t> sample_{10000000}, sequence_{0};
   std::atomic<bool> ending_{false}, streams_{false}, muted_{false};
   std::atomic<int> requests_{0};
 };
@@ -159,7 +159,7 @@ TEST_F(NetFtTest, ScalesTheCountsOfEachAxis) {
   const Vector6 expected = (Vector6() << 1, -2, 3, 1, -2, 0.5).finished();
   ASSERT_TRUE(shows(1));
   EXPECT_LT((sensor.latest().F_S.vector - expected).norm(), 1e-12);
-  EXPECT_LT((sensor.latest().mean_S.vector - expected).norm(), 1e-9);
+  EXPECT_TRUE(eventually([&] { return (sensor.latest().mean_S.vector - expected).norm() < 1e-9; }));
   device.set(
       {std::numeric_limits<std::int32_t>::min(), 0, 0, 0, 0, std::numeric_limits<std::int32_t>::max()});
   ASSERT_TRUE(shows(-2147483.648));
@@ -234,12 +234,49 @@ TEST_F(NetFtTest, ARestartedDeviceStaysAFault) {
 }
 
 TEST_F(NetFtTest, TheNumbersOfSamplesMayWrapAround) {
+  device.restart(0xFFFFFFFF - 700);  // a few hundred records later
+  sensor.start();
+  EXPECT_TRUE(eventually([&] { return device.sample() < 0x10000000; }));
+  device.set({5000});
+  EXPECT_TRUE(shows(5));
+}
+
+// Of a device that has been on for more than three and a half days, a new number is "ahead" of the last one.
+TEST_F(NetFtTest, ARestartAfterDaysIsAFault) {
+  device.restart(0xF0000000);
+  sensor.start();
+  device.restart();
+  device.set({7000});
+  EXPECT_TRUE(shows(7, Intervention::force_sensor_fault));
+}
+
+// A device that was restarted soon after its start, while nothing was heard of it for longer.
+TEST_F(NetFtTest, ANumberThatMayHaveBegunInTheSilenceIsAFault) {
+  device.restart(10);
   sensor.start();
   device.mute(true);
-  for (const std::uint32_t sample : {0x70000000u, 0xE0000000u, 5u})
-    device.send_raw(device.record(sample, {static_cast<std::int32_t>(sample % 97)}));
-  EXPECT_TRUE(eventually([&] { return sensor.latest().F_S.vector[0] == 0.005; }));
-  EXPECT_EQ(sensor.latest().fault, Intervention::none);
+  ASSERT_TRUE(eventually([&] { return sensor.latest().age_s > 2; }));
+  device.restart(device.sample() + 2000);
+  device.set({8000});
+  device.mute(false);
+  EXPECT_TRUE(shows(8, Intervention::force_sensor_fault));
+}
+
+// What was averaged before a silence, or a fault, is not a mean of now: the arm may bear something else.
+TEST_F(NetFtTest, AMeanOfBeforeASilenceIsNone) {
+  device.set({9000});
+  sensor.start();
+  device.mute(true);
+  ASSERT_TRUE(eventually([&] { return sensor.latest().age_s > 0.1; }));
+  device.set({1000});
+  device.mute(false);
+  EXPECT_TRUE(eventually([&] {
+    const ForceReading& now = sensor.latest();
+    if (now.F_S.vector[0] != 1) return false;
+    EXPECT_FALSE(now.mean_S.vector[0] > 1.001) << "the mean of before";
+    return true;
+  }));
+  EXPECT_TRUE(eventually([&] { return std::abs(sensor.latest().mean_S.vector[0] - 1) < 1e-9; }));
 }
 
 TEST_F(NetFtTest, ADeviceThatDoesNotAnswerIsReported) {
