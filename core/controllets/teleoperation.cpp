@@ -331,7 +331,8 @@ class Teleoperation final : public Controllet {
     const double speed = v.norm();
     const bool driven = coupled && speed > kMoves && drive.head<3>().dot(v) > kDrives * speed;
     const FeltWrench& felt = felt_wrench_[0];
-    const bool free = arm.state->has_wrench_estimate &&
+    // Nor is one that feels nothing, because its sensor has failed.
+    const bool free = !arm.state->has_wrench_estimate ||
                       felt.at_E().head<3>().norm() < kResists + felt.motion(1) + felt.doubt(1);
     driven_s_ = driven && free ? driven_s_ + dt : 0;
     if (driven_s_ > kLongest) unattended_ = true;

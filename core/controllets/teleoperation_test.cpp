@@ -413,24 +413,27 @@ TEST(Teleoperation, ClosesWithoutAJumpHoweverSoon) {
 }
 
 // Nobody resists a leader that the follower drives: after half a second it is let go. With an estimate of a
-// hand that resists, it is not.
+// hand that resists, it is not; without an estimate, it is.
 TEST(Teleoperation, LetsGoOfALeaderThatNobodyHolds) {
-  for (const bool held : {false, true}) {
-    Held arms(37);
-    arms.rig.bound({});
-    ASSERT_EQ(arms.rig.start(), LawResult::ok);
-    arms.wait(0.3);
-    if (held) arms.rig.state(0).F_K_W_est.vector[2] = 12;
-    const JointVector way = arms.draw.joints(7, 0.3);
-    ASSERT_GT((arms.plain[0].jacobian(arms.q[0]) * way).head<3>().norm(), 0.06);
-    for (int k = 0; k < 800; ++k) {  // the follower first, by 0.1 s; then the leader comes after it
-      arms.q[1] += 0.001 * way;
-      arms.dq[1] = way;
-      arms.rig.place(1, arms.q[1], arms.dq[1]);
-      ASSERT_EQ(arms.tick((k < 100 ? 0.0 : 1.0) * way), LawResult::ok);
+  for (const bool held : {false, true})
+    for (const bool unknown : {false, true}) {
+      Held arms(37);
+      arms.rig.bound({});
+      ASSERT_EQ(arms.rig.start(), LawResult::ok);
+      arms.wait(0.3);
+      if (held) arms.rig.state(0).F_K_W_est.vector[2] = 12;
+      if (unknown) arms.rig.state(0).F_K_W_est.vector *= std::nan("");
+      arms.rig.state(0).has_wrench_estimate = !unknown;
+      const JointVector way = arms.draw.joints(7, 0.3);
+      ASSERT_GT((arms.plain[0].jacobian(arms.q[0]) * way).head<3>().norm(), 0.06);
+      for (int k = 0; k < 800; ++k) {  // the follower first, by 0.1 s; then the leader comes after it
+        arms.q[1] += 0.001 * way;
+        arms.dq[1] = way;
+        arms.rig.place(1, arms.q[1], arms.dq[1]);
+        ASSERT_EQ(arms.tick((k < 100 ? 0.0 : 1.0) * way), LawResult::ok);
+      }
+      EXPECT_EQ(arms.rig.output("slipped")[0], held && !unknown ? 0 : 1);
     }
-    EXPECT_EQ(arms.rig.output("slipped")[0], held ? 0 : 1);
-  }
 }
 
 // Also where a scene lifts the bounds, a follower that is pushed ahead drives its leader with 60 N at most.
