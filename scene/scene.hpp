@@ -83,6 +83,7 @@ struct SceneForceSensor {
   std::optional<Load> carried;          // of the mount; none: hand and tool
   std::string address = "192.168.1.1";  // of a real one
   double counts_per_n = 1e6, counts_per_nm = 1e6;
+  bool has_counts = false;  // the scene gives both; a real one needs them
 };
 
 struct SceneArm {

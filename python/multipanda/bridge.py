@@ -195,7 +195,7 @@ class Bridge:
             if late_s > self.silence_s:
                 self.ended = f"the network is {late_s:.1f} s late, more than silence_s: its arms are held"
         elif kind == b"b":
-            self.silence_s = min(max(struct.unpack("<d", contents)[0], 0.2), 60)  # what a run accepts
+            self.silence_s = min(max(0.2, struct.unpack("<d", contents)[0]), 60)  # what a run accepts
             self.beat()
         elif kind == b"e":
             self.commanded.clear()
@@ -289,8 +289,8 @@ class Bridge:
                 for one in frames.add(part):
                     try:
                         self.take(*one)
-                    except struct.error as wrong:  # stops behind it count
-                        self.ended = f"not a frame: {wrong}"
+                    except (struct.error, OSError, ValueError) as wrong:  # stops behind it count
+                        self.ended = f"not a frame that can be served: {wrong}"
             elif file in of_file and of_file[file] in self.sockets:
                 self.serve(of_file[file], events)
             elif self.mirror and file == self.mirror.socket.fileno():  # the run sends nothing here but its end

@@ -43,7 +43,8 @@ class Gripper : public AdapterPart {
   // The running motion of any of the actions.
   struct Running {
     std::function<void(const Width&)> feedback;
-    bool preempted = false, stopped = false;
+    bool preempted = false;
+    bool ends = true;  // with a stop of the arm
   };
 
   template <class A>
