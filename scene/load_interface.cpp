@@ -99,10 +99,11 @@ void visit(Archive& archive, SceneForceSensor& sensor) {
       Key("max_age_s", "A law that needs the force ends when the last record is older.").within(0.002, 0.03),
       sensor.mount.max_age_s);
   archive(Key("address", "IPv4 address or host name of a real one."), sensor.address);
-  archive(Key("counts_per_n", "As its own page shows them, with N and N m as its units. Required at a real arm.")
-              .in("1/N")
-              .within(1, 1e9),
-          sensor.counts_per_n);
+  archive(
+      Key("counts_per_n", "As its own page shows them, with N and N m as its units. Required at a real arm.")
+          .in("1/N")
+          .within(1, 1e9),
+      sensor.counts_per_n);
   archive(Key("counts_per_nm", "The same for moments.").in("1/(N m)").within(1, 1e9), sensor.counts_per_nm);
   sensor.has_counts = archive.has("counts_per_n") && archive.has("counts_per_nm");
   if (archive.reading() && !is_address(sensor.address))

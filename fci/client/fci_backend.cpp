@@ -418,9 +418,10 @@ FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
   }
   if (arm.force_sensor) {
     if (!arm.force_sensor->has_counts)
-      throw std::invalid_argument("arm '" + arm.name +
-                                  "' has a force sensor without counts_per_n and counts_per_nm: copy both from "
-                                  "the device's own page, with N and N m as its units");
+      throw std::invalid_argument(
+          "arm '" + arm.name +
+          "' has a force sensor without counts_per_n and counts_per_nm: copy both from "
+          "the device's own page, with N and N m as its units");
     config.force_sensor = {.who = "arm " + arm.name + ": force sensor",
                            .address = arm.force_sensor->address,
                            .counts_per_n = arm.force_sensor->counts_per_n,

@@ -241,7 +241,7 @@ TEST_F(NetFtTest, TheNumbersOfSamplesMayWrapAround) {
   EXPECT_TRUE(shows(5));
 }
 
-// Of a device that has been on for more than three and a half days, a new number is "ahead" of the last one.
+// After three and a half days of a device, a new one's number is "ahead" of its last.
 TEST_F(NetFtTest, ARestartAfterDaysIsAFault) {
   device.restart(0xF0000000);
   sensor.start();
