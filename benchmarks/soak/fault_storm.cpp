@@ -36,7 +36,7 @@ double weight(Fault fault) {
 }
 
 constexpr std::size_t kRing = 500;      // records; small, so that it overflows
-constexpr rlim_t kFullAt = 256 * 1024;  // bytes
+constexpr rlim_t kFullAt = 128 * 1024;  // bytes
 
 void limit_files(rlim_t bytes) {
   rlimit limit{};
