@@ -136,5 +136,56 @@ TEST(UnevenStreams, MoveTheHandSmoothlyAndWithoutTheRateLimit) {
   }
 }
 
+// Joints 1 and 3 of an FR3 without hand, upper arm nearly upright, turn about nearly the same axis: together
+// they move 3 kg m^2, against each other 0.04. A leader's steps drive both alike, as a late bunch of samples
+// does. The arm moves no faster than the set-point may, and less than one cycle in a hundred is rate-limited.
+TEST(UnevenStreams, StepsOfALeaderDoNotShakeJointsAgainstEachOther) {
+  constexpr int kCycles = 8000;
+  const Registry registry = Registry::with_builtins();
+  Scene scene = parse_scene(
+      "plant: {fidelity: realistic}\n"
+      "arms: [{name: arm, model: fr3, hand: false, start_rad: [0.22, 0.15, 0.02, -2.02, -0.91, 1.45, 1.74],\n"
+      "  tool: {mass_kg: 0.7, com_m: [0, 0, 0.07], inertia_kg_m2: {xx: 0.0014, yy: 0.0014, zz: 0.0006}}}]\n"
+      "controllets: [{name: joint, type: joint_impedance, arms: arm}]\n"
+      "active: [joint]\n",
+      "steps.yaml", registry);
+  for (const std::uint32_t seed : {1U, 2U, 3U}) {
+    MujocoBackend backend(scene, {.pace = Pace::unpaced});
+    ControlCycle cycle(build_cycle_config(scene), registry, backend);
+    MultimodeController& modes = cycle.modes();
+    modes.activate_at_start(start_set(scene, modes));
+    Reference& input = modes.instance(modes.find("joint")).inputs()[0];
+    backend.start();
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> share(0, 1);
+    double fastest = 0, step = 0, side = 0.01;
+    JointVector q = joint_constant(7, 0), dq = q;
+    for (int k = 0, next = 100; k < kCycles; ++k) {
+      if (k >= next) {
+        step = side * share(random);
+        side = -side;
+        next = k + 40 + static_cast<int>(200 * share(random));
+      }
+      if (k % 7 == 6) {
+        Target target;
+        target.delivery = Delivery::stream;
+        target.size = 7;
+        std::copy(scene.arms[0].q_start.begin(), scene.arms[0].q_start.end(), target.values.begin());
+        for (const std::size_t joint : {0U, 2U}) target.values[joint] += step;
+        ASSERT_EQ(input.post(target), Verdict::accepted);
+      }
+      cycle.step(backend.wait());
+      backend.world().joints(0, q, dq);
+      fastest = std::max(fastest, dq.lpNorm<Eigen::Infinity>());
+    }
+    const auto limited = cycle.safety().counted(0, Intervention::torque_rate_clamped);
+    std::printf("steps, seed %u: fastest joint %.2f rad/s, rate-limited cycles %d\n", seed, fastest,
+                static_cast<int>(limited));
+    EXPECT_LT(fastest, input.spec().max_speed);
+    EXPECT_LT(limited, kCycles / 100);
+    EXPECT_EQ(cycle.safety().counted(0), limited);
+  }
+}
+
 }  // namespace
 }  // namespace multipanda::uneven_streams_test

@@ -73,6 +73,40 @@ TEST(JointImpedance, TorqueIsTheStatedLaw) {
   }
 }
 
+// A step of 5 mrad is made in 0.1 s with a jerk of 300 rad/s^3. What is fed forward, the difference to the
+// law without it, moves straight to M ddq_d, in all joints together, with a quarter of the torque rate at
+// most.
+TEST(JointImpedance, FeedsForwardAtAQuarterOfTheTorqueRate) {
+  constexpr double kMost = 0.25 * 1000 * 0.001;  // [N m] in a period
+  ArmModelSource source = TestArm::make(7).source({});
+  source.limits.tau_rate_max = joint_constant(7, 1000);
+  const Models models{Bench::with_motors(source, 7)};
+  ControlletRig with(joint_impedance_controllet(), models), without(joint_impedance_controllet(), models);
+  without.set("acceleration_feedforward", {0});
+  for (ControlletRig* rig : {&with, &without}) {
+    rig->place(0, bent(7), joint_constant(7, 0));
+    ASSERT_EQ(rig->start(), LawResult::ok);
+    rig->input("joints").set(joints_target(bent(7) + joint_constant(7, 0.005), 0));
+  }
+  const Eigen::MatrixXd M = with.terms(0).M();
+  Eigen::VectorXd fed = Eigen::VectorXd::Zero(7), demand = fed;
+  double fastest = 0;
+  for (int k = 0; k < 300; ++k) {
+    ASSERT_EQ(with.tick(0.001), LawResult::ok);
+    ASSERT_EQ(without.tick(0.001), LawResult::ok);
+    const Eigen::VectorXd now = with.tau(0) - without.tau(0), step = now - fed;
+    const Eigen::VectorXd asked = M * with.input("joints").joint_acceleration(), way = asked - fed;
+    EXPECT_LE(step.lpNorm<Eigen::Infinity>(), kMost + 1e-9);
+    EXPECT_NEAR((step * way.norm() - way * step.norm()).norm(), 0, 1e-9);
+    EXPECT_TRUE(step.lpNorm<Eigen::Infinity>() > kMost - 1e-9 || (now - asked).norm() < 1e-9) << k;
+    fastest = std::max(fastest, (asked - demand).lpNorm<Eigen::Infinity>());
+    fed = now;
+    demand = asked;
+  }
+  EXPECT_GT(fastest, 2 * kMost);
+  EXPECT_NEAR(fed.norm(), 0, 1e-9);
+}
+
 TEST(JointImpedance, IsZeroAtRestOnTheSetPoint) {
   Bench bench(7);
   ASSERT_EQ(bench.rig.start(), LawResult::ok);
