@@ -151,12 +151,14 @@ class Desk:
         basic = base64.b64encode(f"{user}:{password}".encode()).decode()
         self.web.secrets |= {password, encoded, basic}
         self.login = {"login": user, "password": encoded}
-        self.session = {"Authorization": f"Basic {basic}"} if newer else self.log_in()
+        self.session: dict[str, str] = {"Authorization": f"Basic {basic}"} if newer else {}
+        if not newer:
+            self.session = self.log_in()
         self.state()
 
     def log_in(self) -> dict[str, str]:
         """Begins a session of an older interface, which may expire."""
-        self.session: dict[str, str] = {}
+        self.session = {}
         return {"Cookie": f"authorization={self.secret(self.call(LOGIN, self.login))}"}
 
     def call(self, request: str, content: Any = None, limit_s: float = 0, optional: bool = False) -> Any:
