@@ -74,8 +74,7 @@ TEST(JointImpedance, TorqueIsTheStatedLaw) {
 }
 
 // A step of 5 mrad is made in 0.1 s with a jerk of 300 rad/s^3. What is fed forward, the difference to the
-// law without it, moves straight to M ddq_d, in all joints together, with a quarter of the torque rate at
-// most.
+// law without it, moves straight to M ddq_d, in all joints together, by at most a quarter of the torque rate.
 TEST(JointImpedance, FeedsForwardAtAQuarterOfTheTorqueRate) {
   constexpr double kMost = 0.25 * 1000 * 0.001;  // [N m] in a period
   ArmModelSource source = TestArm::make(7).source({});
