@@ -133,8 +133,12 @@ TEST(SensedForce, CompensatesTheWeightOfWhatItCarriesInEveryOrientation) {
                     .rule,
                 Intervention::none);
       const double seen = bench.state.F_K_W_est.force().norm();
-      if (declared) EXPECT_LT(bench.state.F_K_W_est.vector.norm(), 1e-10);
-      if (!declared && rpy.x() != M_PI) EXPECT_GT(seen, 9);
+      if (declared) {
+        EXPECT_LT(bench.state.F_K_W_est.vector.norm(), 1e-10);
+      }
+      if (!declared && rpy.x() != M_PI) {
+        EXPECT_GT(seen, 9);
+      }
     }
     // The arm takes a declared payload up: its weight is not a force on the environment either.
     bench.state.load = {.mass = 0.5, .p_FC = {0.01, 0, 0.12}};
@@ -142,7 +146,9 @@ TEST(SensedForce, CompensatesTheWeightOfWhatItCarriesInEveryOrientation) {
     const Vector3 c = (mass * p_FC + 0.5 * bench.state.load.p_FC) / all;
     bench.update(sensor, reading_of(bench.X_WF * bench.mount.X_FS, all, bench.X_WF * c, Vector3::Zero(),
                                     Vector3::Zero(), Vector3::Zero(), bias));
-    if (declared) EXPECT_LT(bench.state.F_K_W_est.vector.norm(), 1e-10);
+    if (declared) {
+      EXPECT_LT(bench.state.F_K_W_est.vector.norm(), 1e-10);
+    }
   }
 }
 

@@ -67,7 +67,7 @@ class Frames:
     def add(self, part: bytes) -> list[tuple[bytes, int, bytes]]:
         """The frames that are complete now. Raises ValueError for invalid ones."""
         self._left += part
-        found = []
+        found: list[tuple[bytes, int, bytes]] = []
         while len(self._left) >= HEADER.size:
             size, kind, number = HEADER.unpack_from(self._left)
             if size > MOST_BYTES:
