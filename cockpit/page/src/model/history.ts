@@ -92,7 +92,10 @@ export class History {
       const last = ring.newest();
       if (t === last) continue;
       if (t < last) ring.clear();
-      ring.push([t, ...Array.from(values)]);
+      const row = new Float64Array(ring.width).fill(NaN);
+      row[0] = t;
+      for (let k = 0; k + 1 < ring.width; ++k) row[k + 1] = values[k] ?? NaN;
+      ring.push(row);
     }
   }
 
