@@ -3,7 +3,7 @@ import { App } from "./app.ts";
 import { LogMode } from "./log_mode.ts";
 import { Session } from "./model/session.ts";
 import { LogPanel } from "./panels/log_panel.ts";
-import { Layout, type FieldList } from "./wire/binary.ts";
+import type { FieldList } from "./wire/binary.ts";
 import { RunLine } from "./wire/run_line.ts";
 
 const session = new Session();
@@ -40,12 +40,20 @@ const logMode = new LogMode(app, logPanel);
 
 // Rows of numbers, the time first, into the history of the plotted quantities.
 function takeRows(columns: FieldList, rows: number, numbers: Float64Array): void {
-  const layout = new Layout([["", 1], ...columns]);
-  const width = layout.total;
+  const width = 1 + columns.reduce((sum, [, count]) => sum + count, 0);
   if (numbers.length !== rows * width) return;
+  const places = new Map<string, [number, number]>();
+  let offset = 1;
+  for (const [name, count] of columns) {
+    places.set(name, [offset, offset + count]);
+    offset += count;
+  }
   for (let row = 0; row < rows; ++row) {
     const values = numbers.subarray(row * width, (row + 1) * width);
-    app.history.take(values[0]!, (name) => layout.of(values, name));
+    app.history.take(values[0]!, (name) => {
+      const place = places.get(name);
+      return place && values.subarray(...place);
+    });
   }
 }
 

@@ -31,7 +31,7 @@ export interface Connection {
   received: number;
   lost: number;
   late: number;
-  command_success_rate: number;
+  success: number;
 }
 
 export interface Gripper {

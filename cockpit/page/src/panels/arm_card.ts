@@ -71,11 +71,7 @@ export class ArmCard {
       const sent = connection.received + connection.lost;
       const loss = sent > 0 ? (100 * connection.lost) / sent : 0;
       this.figure("Packets lost", `${connection.lost} (${fixed(loss, 2)} %), ${connection.late} late`, loss > 1);
-      this.figure(
-        "Commands in time",
-        `${fixed(100 * connection.command_success_rate, 1)} %`,
-        connection.command_success_rate < 0.95,
-      );
+      this.figure("Commands in time", `${fixed(100 * connection.success, 1)} %`, connection.success < 0.95);
     }
     this.figure("Age of the state", state.age_s > 0.003 ? `${fixed(1000 * state.age_s, 0)} ms` : undefined, true);
     if (gripper) {

@@ -1,6 +1,6 @@
 // The picture with its tools: viewpoints, visible elements, the target to drag, a snapshot.
 import type { Session } from "../model/session.ts";
-import { kLayerNames, type Layer, type World } from "../scene3d/world.ts";
+import { kLayerNames, type Layers, type World } from "../scene3d/world.ts";
 import type { TargetGizmo } from "../scene3d/gizmo.ts";
 import { Stage, type Viewpoint } from "../scene3d/stage.ts";
 import { button, check, div, download, h, setText, icon } from "../ui/dom.ts";
@@ -61,7 +61,7 @@ export class ViewPanel {
       views.append(button(text, () => this.stage.look(from)));
     }
     const layers = div("menu");
-    for (const [key, text] of Object.entries(kLayerNames) as [Layer, string][]) {
+    for (const [key, text] of Object.entries(kLayerNames) as [keyof Layers, string][]) {
       const show = (on: boolean) => {
         if (!this.world) return;
         this.world.layers[key] = on;

@@ -10,16 +10,6 @@ export interface Motion {
   end(): void;
 }
 
-/** The motion, with something that happens before its end. */
-export const ending = (motion: Motion, before: () => void): Motion => ({
-  begin: () => motion.begin(),
-  step: (seconds) => motion.step(seconds),
-  end: () => {
-    before();
-    motion.end();
-  },
-});
-
 export class Holding {
   private readonly gate: DeadMan;
   private readonly motions = new Map<string, Motion>();
@@ -102,10 +92,15 @@ export class Holding {
   bindButton(button: HTMLElement, name: string, motion: Motion): void {
     let pointer: number | undefined;
     let key: string | undefined;
-    const marked = ending(motion, () => {
-      pointer = key = undefined;
-      button.classList.remove("held");
-    });
+    const marked: Motion = {
+      begin: () => motion.begin(),
+      step: (seconds) => motion.step(seconds),
+      end: () => {
+        pointer = key = undefined;
+        button.classList.remove("held");
+        motion.end();
+      },
+    };
     button.addEventListener("pointerdown", (event) => {
       if (event.button !== 0 || pointer !== undefined) return;
       event.preventDefault();

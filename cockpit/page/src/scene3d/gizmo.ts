@@ -2,7 +2,7 @@
 // stops, and the gizmo returns to it.
 import { Group, Mesh, MeshBasicMaterial, SphereGeometry } from "three";
 import { TransformControls } from "three/examples/jsm/controls/TransformControls.js";
-import { ending, type Holding, type Motion } from "../safety/holding.ts";
+import type { Holding, Motion } from "../safety/holding.ts";
 import type { Pose } from "../teleop/vectors.ts";
 import { place } from "./shapes.ts";
 import type { Stage } from "./stage.ts";
@@ -28,8 +28,15 @@ export class TargetGizmo {
       this.dragging = event.value === true;
       this.stage.controls.enabled = !this.dragging;
       if (!this.dragging) return this.holding.letGo("target");
-      const dropping = ending(inner, () => this.drop());
-      if (!this.holding.begin("target", () => this.dragging, dropping)) this.drop();
+      const begun = this.holding.begin("target", () => this.dragging, {
+        begin: () => inner.begin(),
+        step: (seconds) => inner.step(seconds),
+        end: () => {
+          this.drop();
+          inner.end();
+        },
+      });
+      if (!begun) this.drop();
     });
     const canvas = stage.renderer.domElement;
     canvas.addEventListener("pointercancel", () => this.holding.letGo("target", "the browser took the pointer"));

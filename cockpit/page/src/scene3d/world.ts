@@ -18,7 +18,16 @@ import { Arrow, TargetFrame, Trail } from "./marks.ts";
 import { place, ShapeFactory } from "./shapes.ts";
 import type { Stage } from "./stage.ts";
 
-export const kLayerNames = {
+export interface Layers {
+  forces: boolean;
+  contacts: boolean;
+  targets: boolean;
+  trails: boolean;
+  distances: boolean;
+  limits: boolean;
+}
+
+export const kLayerNames: Record<keyof Layers, string> = {
   forces: "Estimated forces",
   contacts: "Contact forces",
   targets: "Targets",
@@ -26,8 +35,6 @@ export const kLayerNames = {
   distances: "Distances below 5 cm",
   limits: "Limits of joints and workspaces",
 };
-
-export type Layer = keyof typeof kLayerNames;
 
 const kNearLimit = 0.06; // share of a joint's range
 const kNearWall = 0.08; // [m] from the end of a workspace
@@ -49,7 +56,14 @@ export class World {
   readonly group = new Group();
   /** Groups of the bodies, in the order of the scene. */
   readonly bodies: Group[] = [];
-  readonly layers = Object.fromEntries(Object.keys(kLayerNames).map((name) => [name, true])) as Record<Layer, boolean>;
+  readonly layers: Layers = {
+    forces: true,
+    contacts: true,
+    targets: true,
+    trails: true,
+    distances: true,
+    limits: true,
+  };
   private readonly arms: ArmView[] = [];
   private readonly targets = new Map<string, TargetFrame>();
   private readonly near: LineSegments<BufferGeometry, LineBasicMaterial>;

@@ -1,7 +1,7 @@
 // A headset's controllers move one hand or two: the squeeze button is the clutch and the dead-man button. The
 // arms are seen in the headset (mixed or virtual reality), drawn in the operator's room.
 import type { WebGLRenderer } from "three";
-import { ending, type Holding, type Motion } from "../safety/holding.ts";
+import type { Holding, Motion } from "../safety/holding.ts";
 import { Clutch, type WorkspaceMapping } from "./clutch.ts";
 import type { Pose } from "./vectors.ts";
 
@@ -101,8 +101,14 @@ export class Headset {
       () => this.poses[hand] && clutch.target(this.poses[hand], this.mapping),
       (target) => clutch.close(this.poses[hand]!, target),
     );
-    const opening = ending(inner, () => clutch.open());
-    this.holding.begin(name(hand), () => this.squeezed[hand]! && this.poses[hand] !== undefined, opening);
+    this.holding.begin(name(hand), () => this.squeezed[hand]! && this.poses[hand] !== undefined, {
+      begin: () => inner.begin(),
+      step: (seconds) => inner.step(seconds),
+      end: () => {
+        clutch.open();
+        inner.end();
+      },
+    });
   }
 
   private letGo(cause: string): void {

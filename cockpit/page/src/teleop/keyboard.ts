@@ -1,6 +1,6 @@
 // Jogging with keys: the hand moves while one is down. Keys are identified by position, so that other layouts
 // work as well.
-import { ending, type Holding, type Motion } from "../safety/holding.ts";
+import type { Holding, Motion } from "../safety/holding.ts";
 import type { Deflection } from "./jog.ts";
 
 // [axis, sign]: axes 0 to 2 are right, away and up, 3 to 5 the rotations about them.
@@ -52,9 +52,16 @@ export class KeyboardJog {
     event.preventDefault();
     this.down.add(event.code);
     if (this.holding.holds("keyboard")) return;
-    const jog = this.motion(() => deflectionOf(this.down));
-    const letting = ending(jog, () => this.down.clear());
-    if (!this.holding.begin("keyboard", () => this.enabled && this.down.size > 0, letting)) this.down.clear();
+    const inner = this.motion(() => deflectionOf(this.down));
+    const begun = this.holding.begin("keyboard", () => this.enabled && this.down.size > 0, {
+      begin: () => inner.begin(),
+      step: (seconds) => inner.step(seconds),
+      end: () => {
+        this.down.clear();
+        inner.end();
+      },
+    });
+    if (!begun) this.down.clear();
   }
 }
 

@@ -1,7 +1,6 @@
 // The run's first message, and the scene built from it.
 import type { ControlletInfo } from "../model/description.ts";
 import type { SceneInfo } from "../model/live.ts";
-import type { TimelineEvent } from "../model/timeline.ts";
 import type { Shape } from "../scene3d/shapes.ts";
 import type { Pose, Quaternion, Vector3 } from "../teleop/vectors.ts";
 import type { FieldList } from "./binary.ts";
@@ -44,11 +43,19 @@ interface WireBody extends WirePose {
   shapes: WireShape[];
 }
 
+export interface WireEvent {
+  cycle: number;
+  t_s: number;
+  kind: string;
+  arm: string;
+  text: string;
+}
+
 export interface WireLog {
   name: string;
   t_from_s: number;
   t_to_s: number;
-  events: TimelineEvent[];
+  events: WireEvent[];
 }
 
 export interface Hello {

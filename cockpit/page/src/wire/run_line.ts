@@ -4,10 +4,9 @@ import { Histogram } from "../model/histogram.ts";
 import type { Answer, ControlletInfo } from "../model/description.ts";
 import type { LiveState } from "../model/live.ts";
 import { kNoControl, type RequestSender, type Session } from "../model/session.ts";
-import type { TimelineEvent } from "../model/timeline.ts";
 import { decode, type FieldList, type Rows } from "./binary.ts";
 import { Connection } from "./connection.ts";
-import { kWire, sceneOf, type Hello, type WireControl } from "./hello.ts";
+import { kWire, sceneOf, type Hello, type WireControl, type WireEvent } from "./hello.ts";
 import { PendingStop, tabStorage } from "./pending_stop.ts";
 import { StateReader, type SlowState } from "./state_reader.ts";
 
@@ -191,7 +190,7 @@ export class RunLine implements PageLine, RequestSender {
     const { session } = this;
     if (message["hello"]) this.begin(message["hello"] as Hello);
     if (message["state"] && this.reader) this.reader.slow = message["state"] as SlowState;
-    for (const event of (message["events"] as TimelineEvent[] | undefined) ?? []) session.emit("event", event);
+    for (const event of (message["events"] as WireEvent[] | undefined) ?? []) session.emit("event", event);
     if (message["list"]) {
       session.list = (message["list"] as { controllets: ControlletInfo[] }).controllets;
       session.emit("list", session.list);

@@ -1,10 +1,10 @@
 // Converts a state's numbers, and the texts that arrive a few times a second, to the panels' data.
 import {
   type ArmState,
-  type Connection,
-  type Gripper,
   type LiveState,
   type Nearness,
+  type OutputState,
+  type ReferenceState,
   type SceneInfo,
   poseAt,
 } from "../model/live.ts";
@@ -19,8 +19,8 @@ export interface SlowArm {
   cures?: { error: string; cure: string }[];
   last_intervention: string;
   removed_by?: string;
-  connection?: Connection;
-  gripper?: Gripper;
+  connection?: { received: number; lost: number; late: number; command_success_rate: number };
+  gripper?: { width_m: number; max_width_m: number; grasped: boolean; moving: boolean };
   tracking_unit?: string;
 }
 
@@ -81,8 +81,8 @@ export class StateReader {
       standing: age > 0.1,
       arms: this.scene.arms.map((_, k) => this.arm(numbers, k)),
       bodies: this.layout.of(numbers, "bodies") ?? [],
-      references: this.known(numbers, this.inputs),
-      outputs: this.known(numbers, this.outputs),
+      references: this.references(numbers),
+      outputs: this.outputStates(numbers),
       near: this.near(numbers),
     };
   }
@@ -120,17 +120,28 @@ export class StateReader {
       manipulability: defined(one("manipulability")),
       tracking: defined(one("tracking_error")),
       trackingUnit: slow?.tracking_unit ?? "",
-      connection: slow?.connection,
+      connection: slow?.connection && { ...slow.connection, success: slow.connection.command_success_rate },
       quantity: of,
       gripper: slow?.gripper && { ...slow.gripper, ...(Number.isFinite(width) ? { width_m: width } : {}) },
     };
   }
 
-  private known<T extends { field: string }>(numbers: Float64Array, list: readonly T[]) {
-    return list.flatMap(({ field, ...rest }) => {
+  private references(numbers: Float64Array): ReferenceState[] {
+    const list: ReferenceState[] = [];
+    for (const { field, ...rest } of this.inputs) {
       const values = this.layout.of(numbers, field);
-      return values && Number.isFinite(values[0]!) ? [{ ...rest, values }] : [];
-    });
+      if (values && Number.isFinite(values[0]!)) list.push({ ...rest, values });
+    }
+    return list;
+  }
+
+  private outputStates(numbers: Float64Array): OutputState[] {
+    const list: OutputState[] = [];
+    for (const { controllet, name, field } of this.outputs) {
+      const values = this.layout.of(numbers, field);
+      if (values && Number.isFinite(values[0]!)) list.push({ controllet, name, values });
+    }
+    return list;
   }
 
   private near(numbers: Float64Array): Nearness[] {
