@@ -29,9 +29,9 @@ constexpr std::array<Rule, static_cast<std::size_t>(Intervention::count_)> kInte
      {"stop requested", ""},
      {"observed arm lost", "s"},
      {"force sensor silent", "s"},
-     {"force sensor saturated", "N"},
+     {"force sensor saturated", "N or N m"},
      {"force sensor fault", ""},
-     {"force sensor not tared", "N"},
+     {"force sensor not tared", "N or N m"},
      {"force sensor contradicts the arm", "N m"}}};
 
 struct VerdictText {
