@@ -331,11 +331,12 @@ void Session::run_relay() {
 }
 
 // For an adapter and for readers of the shared records the relay sleeps until the next record is expected and
-// then polls often; without, it may take several records at once.
+// then polls often; without, it takes many records at once, because each time it wakes costs more than a
+// record.
 void Session::wait_for_records() {
   constexpr auto kLook = std::chrono::microseconds(100);
   const bool prompt = adapter_ || (live_ && live_->record_readers() > 0);
-  if (!prompt || !options_.paced) return sleep_us(options_.paced ? 2000 : 200);
+  if (!prompt || !options_.paced) return sleep_us(options_.paced ? 10'000 : 200);
   const auto expected =
       last_record_ + std::chrono::nanoseconds(static_cast<std::int64_t>(backend().period() * 0.95e9));
   const auto now = host_now();

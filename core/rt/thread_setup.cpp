@@ -1,5 +1,6 @@
 #include "core/rt/thread_setup.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstdint>
@@ -16,6 +17,13 @@ std::string error_text(int error) { return std::strerror(error); }
 
 constexpr std::size_t kPage = 4096;
 
+// Libraries that only read and write files, which the loop never does.
+bool reads_files(const char* mapping) {
+  constexpr std::array kNames{"/libzstd.", "/libyaml-cpp.", "/liburdfdom", "/libtinyxml2."};
+  return std::any_of(kNames.begin(), kNames.end(),
+                     [&](const char* name) { return std::strstr(mapping, name) != nullptr; });
+}
+
 // Brings code, data and heap into memory, and keeps them there. The stacks of other threads stay as they are,
 // since most of their 8 MB each will never be used; glibc puts a page without access below each. What cannot
 // be locked are pages of the kernel. Returns false if the mappings are not readable.
@@ -29,7 +37,7 @@ bool lock_mappings(std::size_t stack) {
     std::array<char, 5> access{};
     if (std::sscanf(line.data(), "%zx-%zx %4s", &begin, &end, access.data()) != 3) continue;
     if (access[0] == '-' && end - begin == kPage) guard_end = end;
-    if (access[0] != 'r' || access[3] != 'p') continue;
+    if (access[0] != 'r' || access[3] != 'p' || reads_files(line.data())) continue;
     const bool is_file = std::strchr(line.data(), '/') != nullptr;
     if (begin == guard_end && !is_file) begin += stack;  // behind it may be other memory
     if (begin < end) (void)mlock(reinterpret_cast<void*>(begin), end - begin);

@@ -282,10 +282,10 @@ ArmSet FciBackend::wait_until(HostTime deadline) {
   auto& self = *self_;
   if (!self.running) return {};
   while (true) {
+    if (self.unread().empty()) self.sleep_until(deadline);  // ends at once if a state has come meanwhile
     self.receive_all();
     const ArmSet due = self.unread();
     if (!due.empty() || host_now() >= deadline) return self.deliver(due);
-    self.sleep_until(deadline);
   }
 }
 

@@ -33,6 +33,10 @@ UdpPort::UdpPort() {
     throw std::runtime_error("cannot open a UDP port for an arm's states: " + why);
   }
   number_ = ntohs(any.sin_port);
+  for (int i = 0; i < kTogether; ++i) {
+    parts_[i] = {.iov_base = buffers_[i].data(), .iov_len = buffers_[i].size()};
+    arrived_[i].msg_hdr = {.msg_name = &from_[i], .msg_iov = &parts_[i], .msg_iovlen = 1};
+  }
 }
 
 UdpPort::~UdpPort() { ::close(file_); }
@@ -55,17 +59,13 @@ bool UdpPort::receive() noexcept {
   // cannot block the loop.
   constexpr int kMost = 300;
   int count = 0;
-  for (int i = 0; i < kMost; ++i) {
-    sockaddr_in from{};
-    socklen_t size = sizeof(from);
-    const ssize_t n =
-        ::recvfrom(file_, buffer_.data(), buffer_.size(), 0, reinterpret_cast<sockaddr*>(&from), &size);
-    if (n < 0) {
-      if (errno == EINTR || errno == ECONNREFUSED) continue;
-      break;
-    }
-    take(std::span(buffer_).first(static_cast<std::size_t>(n)), from);
-    ++count;
+  for (int calls = 0, n = 0; calls < kMost && count < kMost; ++calls) {
+    for (mmsghdr& each : arrived_) each.msg_hdr.msg_namelen = sizeof(sockaddr_in);
+    n = ::recvmmsg(file_, arrived_.data(), kTogether, MSG_DONTWAIT, nullptr);
+    if (n < 0 && (errno == EINTR || errno == ECONNREFUSED)) continue;
+    for (int i = 0; i < n; ++i) take(std::span(buffers_[i]).first(arrived_[i].msg_len), from_[i]);
+    count += std::max(n, 0);
+    if (n < kTogether) break;  // none is left
   }
   constexpr int kBacklog = 8;  // datagrams, fewer than any buffer holds
   if (count >= kBacklog && has_overflowed()) {

@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cstdint>
 #include <netinet/in.h>
+#include <sys/socket.h>
 
 #include "core/state/arm_state.hpp"
 #include "core/types/time.hpp"
@@ -66,7 +67,12 @@ class UdpPort {
   sockaddr_in source_{};
   HostTime received_at_;
 
-  std::array<std::byte, 4096> buffer_;
+  // One call reads what has arrived, and by returning fewer than it may, that nothing is left.
+  static constexpr int kTogether = 4;
+  std::array<std::array<std::byte, 4096>, kTogether> buffers_;
+  std::array<sockaddr_in, kTogether> from_{};
+  std::array<iovec, kTogether> parts_{};
+  std::array<mmsghdr, kTogether> arrived_{};
   std::array<std::byte, kMaxCommandSize> command_;
 
   // Written by the loop, read by any thread.
