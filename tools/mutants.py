@@ -33,6 +33,7 @@ FOLDERS = ("safety", "modes", "cycle", "state", "reference", "controllets", "fea
 # The core's own tests, and those of the project that hold its laws against worlds in simulated time.
 TARGETS = (
     "core/core_test",
+    "core/threads_test",
     "core/controllets_test",
     "core/force_controllets_test",
     "core/coupled_ufic_test",
