@@ -70,6 +70,8 @@ struct FciConnection {
   int version = 0;                     // of the control interface; 0: the version of the arm
   bool gripper = true;                 // connect to the hand's gripper, if there is one
   bool vacuum = false;                 // connect to a vacuum gripper
+  std::string robotiq;                 // serial port of a Robotiq gripper; empty: none
+  std::string robotiq_model = "2f-85";
   double low_pass_hz = 0;              // of commanded torques; 0: none
   bool check_model = true;  // compare the robot model that the arm provides with the scene's at the start
   bool recover_at_start = false;           // clear a reflex of the arm without a request

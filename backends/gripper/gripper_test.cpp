@@ -238,11 +238,101 @@ TEST(Fingers, StopResetAndNewMotionsAbort) {
   EXPECT_NE(unanswered.get().reason.find("not running"), std::string::npos);
 }
 
+// Widths of a sine of 0.5 Hz and 20 mm at 30 Hz, each held until the next comes.
+TEST(Fingers, FollowAStreamOfWidths) {
+  Rig rig(grasp_scene());
+  EXPECT_TRUE(rig.run(PlaceObject{"box", pose(0, 0, -1)}).success);
+  EXPECT_TRUE(rig.run(GripperMove{.width = 0.06, .speed = 0.2}).success);
+  constexpr int kPeriod = 33, kCount = 90;  // [ms]
+  const auto wanted = [](double ms) { return 0.04 + 0.02 * std::cos(M_PI * 1e-3 * ms); };
+  std::vector<double> widths;
+  std::vector<std::future<RequestAnswer>> answers;
+  for (int k = 0; k < kCount; ++k) {
+    answers.push_back(rig.ask(GripperFollow{.width = wanted(k * kPeriod), .speed = 0.2}));
+    for (int ms = 0; ms < kPeriod; ++ms) {
+      rig.step();
+      widths.push_back(rig.gripper().width);
+    }
+    if (k % 10 == 0) EXPECT_TRUE(answers.back().get().success);  // not more than there is room for
+  }
+  // The lag at which it agrees best: half a period of the stream, and that of the servo.
+  const auto error = [&](int lag) {
+    double sum = 0;
+    for (std::size_t i = 500; i < widths.size(); ++i)
+      sum += std::pow(widths[i] - wanted(static_cast<double>(i) - lag), 2);
+    return std::sqrt(sum / static_cast<double>(widths.size() - 500));
+  };
+  int best = 0;
+  for (int lag = 0; lag < 200; ++lag) best = error(lag) < error(best) ? lag : best;
+  EXPECT_GT(best, kPeriod / 2 - 5);
+  EXPECT_LT(best, 60);
+  EXPECT_LT(error(best), 1e-3);
+}
+
+TEST(Fingers, WithoutTheNextWidthTheyStayWhereTheyAre) {
+  Rig rig(grasp_scene());
+  rig.step();
+  auto first = rig.ask(GripperFollow{.width = 0.05, .speed = 0.05, .silence = 0.2});
+  rig.steps(100);
+  EXPECT_TRUE(rig.gripper().moving);
+  rig.steps(300);
+  EXPECT_FALSE(rig.gripper().moving);
+  // 0.2 s at 50 mm/s, less the acceleration and what a closed servo still runs on
+  EXPECT_NEAR(rig.gripper().width, 0.07, 2e-3);
+  // A jump of the width moves no faster; farther than they open they stay open.
+  auto jump = rig.ask(GripperFollow{.width = 0.5, .speed = 0.05, .silence = 1});
+  rig.steps(100);
+  EXPECT_LT(rig.gripper().width, 0.0775);
+  rig.steps(500);
+  EXPECT_NEAR(rig.gripper().width, 0.08, 1e-3);
+  // A hold ends it at once, and a motion that runs is not disturbed by widths.
+  auto next = rig.ask(GripperFollow{.width = 0.05, .speed = 0.05, .silence = 1});
+  rig.steps(200);
+  const double held = rig.gripper().width;
+  auto hold = rig.ask(GripperFollow{});
+  rig.steps(200);
+  EXPECT_NEAR(rig.gripper().width, held, 1e-3);
+  auto move = rig.ask(GripperMove{.width = 0.08, .speed = 0.05});
+  rig.steps(20);
+  EXPECT_TRUE(rig.run(GripperFollow{.width = 0.05}).success);
+  EXPECT_TRUE(rig.wait(std::move(move)).success);
+  for (auto* answer : {&first, &jump, &next, &hold}) EXPECT_TRUE(answer->get().success);
+}
+
+TEST(Fingers, WhatTheyFollowOntoStaysHeldInSilenceUntilAWiderWidth) {
+  Rig rig(grasp_scene());
+  rig.steps(200);
+  for (int k = 0; k < 60; ++k) {
+    const double width = std::max(0.02, 0.08 - 0.0015 * k);
+    EXPECT_TRUE(rig.run(GripperFollow{.width = width, .force = 30}).success);
+    rig.steps(30);
+  }
+  EXPECT_TRUE(rig.gripper().grasped);
+  EXPECT_NEAR(rig.gripper().width, 0.04, 1e-3);
+  rig.steps(1000);  // silence
+  EXPECT_TRUE(rig.gripper().grasped);
+  EXPECT_NEAR(rig.squeeze().first, 30, 1.5);
+  rig.lift(0.1);
+  expect_only_weight(rig, 0.3);
+  EXPECT_TRUE(rig.run(GripperFollow{.width = 0.03}).success);
+  rig.steps(100);
+  EXPECT_TRUE(rig.gripper().grasped);
+  for (int k = 0; k < 10; ++k) {
+    EXPECT_TRUE(rig.run(GripperFollow{.width = 0.06, .speed = 0.2}).success);
+    rig.steps(30);
+  }
+  EXPECT_FALSE(rig.gripper().grasped);
+  EXPECT_GT(rig.gripper().width, 0.055);
+}
+
 TEST(Fingers, ImplausibleRequestsAreRefused) {
   Rig rig(grasp_scene());
   EXPECT_NE(rig.run(GripperMove{.width = -0.01}).reason.find("width"), std::string::npos);
   EXPECT_NE(rig.run(GripperMove{.width = 0.01, .speed = 0}).reason.find("speed"), std::string::npos);
   EXPECT_NE(rig.run(GripperGrasp{.width = 0.01, .force = NAN}).reason.find("force"), std::string::npos);
+  EXPECT_NE(rig.run(GripperFollow{.width = NAN}).reason.find("width"), std::string::npos);
+  EXPECT_NE(rig.run(GripperFollow{.width = 1.1}).reason.find("width"), std::string::npos);
+  EXPECT_NE(rig.run(GripperFollow{.width = 0.01, .silence = 2}).reason.find("silence"), std::string::npos);
   EXPECT_NE(rig.run(VacuumOn{}).reason.find("no such gripper"), std::string::npos);
   EXPECT_NE(rig.run(VacuumStop{}).reason.find("no such gripper"), std::string::npos);
 }

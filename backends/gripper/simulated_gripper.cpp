@@ -15,6 +15,7 @@ constexpr double kAcceleration = 4.0;  // of the width [m/s^2]
 
 constexpr double kHomingSpeed = 0.1, kHomingForce = 20;  // [m/s, N]
 constexpr double kReached = 5e-4;                        // from the requested width [m]
+constexpr double kFollowed = 2e-3;                       // from a width that is followed [m]
 constexpr double kStill = 1e-3;                          // below this rate the fingers are at rest [m/s]
 constexpr double kStalled = 0.1;                         // fingers at rest for this long are blocked [s]
 
@@ -74,6 +75,24 @@ SimulatedGripper::Ticket SimulatedGripper::start(const GripperGrasp& request) {
   return ticket;
 }
 
+void SimulatedGripper::follow(const GripperFollow& request) {
+  if (results_.running()) return;
+  if (!request.width) {
+    if (drive_ == Drive::follow) silent_in_ = 0;
+    return;
+  }
+  silent_in_ = request.silence;
+  if (state_.grasped && *request.width < state_.width + kFollowed) return;
+  if (drive_ != Drive::follow) {
+    w_ref_ = state_.width;
+    v_ref_ = 0;
+  }
+  state_.grasped = false;
+  const double still = still_s_;
+  go(Drive::follow, std::min(*request.width, limits_.width), request.speed, request.force);
+  still_s_ = still;
+}
+
 void SimulatedGripper::stop() {
   results_.end(GripperResult::aborted);
   state_.grasped = false;
@@ -128,6 +147,15 @@ void SimulatedGripper::judge(double width, double rate, double dt) {
       state_.grasped = fits && (stalled || state_.grasped);
       return;
     }
+    case Drive::follow:
+      if (stalled && width > target_ + kFollowed) {
+        state_.grasped = true;
+        target_ = -limits_.width;  // with the whole force
+      }
+      silent_in_ -= dt;
+      if (silent_in_ > 0 || state_.grasped) return;
+      target_ = w_ref_;  // keeps what is pressed under force
+      return;
     case Drive::find_closed:
       if (!stalled) return;
       w_ref_ = width;
@@ -145,7 +173,7 @@ double SimulatedGripper::step(double width, double rate, double dt) {
   const double force = servo(width, rate, dt);
   judge(width, rate, dt);
   state_.width = std::max(0.0, width);
-  state_.moving = results_.running();
+  state_.moving = results_.running() || (drive_ == Drive::follow && std::abs(rate) > kStill);
   return force;
 }
 

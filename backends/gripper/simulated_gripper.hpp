@@ -75,6 +75,7 @@ class SimulatedGripper {
   Ticket start(const GripperHoming& request);
   Ticket start(const GripperMove& request);
   Ticket start(const GripperGrasp& request);
+  void follow(const GripperFollow& request);  // not more than the widest opening
   void stop();
   GripperResult result(Ticket ticket) const { return results_.of(ticket); }
 
@@ -90,7 +91,7 @@ class SimulatedGripper {
   void reset(double width);
 
  private:
-  enum class Drive : std::uint8_t { off, hold, move, press, find_closed, find_open };
+  enum class Drive : std::uint8_t { off, hold, move, press, find_closed, find_open, follow };
   void go(Drive drive, double target, double speed, double force);
   double servo(double width, double rate, double dt);
   void judge(double width, double rate, double dt);
@@ -103,6 +104,7 @@ class SimulatedGripper {
   double target_ = 0, speed_ = 0, force_ = 0;
   double w_ref_ = 0, v_ref_ = 0;  // reference of the servo [m, m/s]
   bool blocked_ = false;          // full force, or the reference has reached the target
+  double silent_in_ = 0;          // of the widths to follow [s]
   double still_s_ = 0;            // time at rest while blocked [s]
 };
 

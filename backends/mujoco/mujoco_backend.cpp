@@ -188,12 +188,16 @@ ArmReply MujocoBackend::apply_to_world(const RequestBox::Posted& posted, const W
   return ArmReply::done;
 }
 
-// Handles stops. begin_gripper_motion() has started motions of existing grippers.
+// Handles stops and widths to follow. begin_gripper_motion() has started motions of existing grippers.
 ArmReply MujocoBackend::apply_to_gripper(ArmIndex arm, const GripperRequest& request) {
   SimulatedGripper* gripper = plant_.gripper(arm);
   SimulatedVacuum* vacuum = plant_.vacuum(arm);
   if (gripper != nullptr && std::holds_alternative<GripperStop>(request)) {
     gripper->stop();
+    return ArmReply::done;
+  }
+  if (const auto* follow = std::get_if<GripperFollow>(&request); follow != nullptr && gripper != nullptr) {
+    gripper->follow(*follow);
     return ArmReply::done;
   }
   if (vacuum != nullptr && std::holds_alternative<VacuumStop>(request)) {

@@ -11,6 +11,10 @@ std::string check(const GripperRequest& request) {
     if (!(grasp->force > 0 && grasp->force <= 1000)) return "the force must be above 0 and at most 1000 N";
     for (const double tolerance : {grasp->tolerance_inner, grasp->tolerance_outer})
       if (!(tolerance >= 0 && tolerance <= 1)) return "the tolerances must be 0 to 1 m";
+  } else if (const auto* follow = std::get_if<GripperFollow>(&request)) {
+    if (!(follow->silence > 0 && follow->silence <= GripperFollow::kMostSilence))
+      return "the silence must be above 0 and at most 1 s";
+    return check(GripperGrasp{follow->width.value_or(0), follow->speed, follow->force});
   } else if (const auto* on = std::get_if<VacuumOn>(&request)) {
     // Below 50, a gripper would report the vacuum as reached while its part falls; ambient pressure is
     // 1013 mbar.

@@ -170,6 +170,22 @@ struct GripperGrasp {
     fields.optional("tolerance_outer_m", tolerance_outer, RequestBound::not_negative);
   }
 };
+// Answered at once. The newest width counts, approached with `speed`; what is in between is pressed with `force`
+// and stays held until a width above its own comes. Widths are skipped while another motion runs. Without the
+// next one for `silence`, or without a width, the fingers stay where they are, and hold what they hold.
+struct GripperFollow {
+  static constexpr double kMostSilence = 1;  // [s]
+  std::optional<double> width;               // [m]
+  double speed = 0.1, force = 40;            // [m/s], [N]
+  double silence = 0.2;                      // [s]
+  static constexpr RequestName kName{"gripper", "follow"};
+  void visit(auto& fields) {
+    fields.optional("width_m", width, RequestBound::not_negative);
+    fields.optional("speed_m_per_s", speed, RequestBound::positive);
+    fields.optional("force_n", force, RequestBound::positive);
+    fields.optional("silence_s", silence, RequestBound::positive);
+  }
+};
 struct GripperStop {
   static constexpr RequestName kName{"gripper", "stop"};
   void visit(auto& /*fields*/) {}
@@ -194,7 +210,8 @@ struct VacuumStop {
 };
 
 using GripperRequest =
-    AskedRequest<GripperHoming, GripperMove, GripperGrasp, GripperStop, VacuumOn, VacuumDrop, VacuumStop>;
+    AskedRequest<GripperHoming, GripperMove, GripperGrasp, GripperFollow, GripperStop, VacuumOn, VacuumDrop,
+                 VacuumStop>;
 
 // Why no gripper can carry out the request, or an empty string. Off the loop. The limits of a particular
 // gripper are checked by its backend.
@@ -256,8 +273,10 @@ inline bool ends_motion(const BackendRequest& request) {
     return std::holds_alternative<StopMotion>(*of_arm) || (button != nullptr && button->pressed);
   }
   const auto* of_gripper = std::get_if<GripperRequest>(&request);
-  return of_gripper != nullptr && (std::holds_alternative<GripperStop>(*of_gripper) ||
-                                   std::holds_alternative<VacuumStop>(*of_gripper));
+  if (of_gripper == nullptr) return false;
+  const auto* follow = std::get_if<GripperFollow>(of_gripper);
+  return std::holds_alternative<GripperStop>(*of_gripper) ||
+         std::holds_alternative<VacuumStop>(*of_gripper) || (follow != nullptr && !follow->width);
 }
 
 struct RequestAnswer {

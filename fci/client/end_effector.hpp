@@ -31,5 +31,8 @@ std::unique_ptr<EndEffector> gripper_link(const std::string& name, const std::st
                                           std::uint16_t port = kGripperPort);
 std::unique_ptr<EndEffector> vacuum_link(const std::string& name, const std::string& address,
                                          std::uint16_t port = kVacuumPort);
+// A Robotiq 2F gripper at a serial port; `model`: 2f-85 or 2f-140.
+std::unique_ptr<EndEffector> robotiq_link(const std::string& name, const std::string& port,
+                                          const std::string& model);
 
 }  // namespace multipanda::fci

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cmath>
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <sys/socket.h>
@@ -14,7 +15,8 @@
 namespace multipanda::fci {
 namespace {
 
-constexpr double kTimeout = 1.0;  // for immediate replies [s]
+constexpr double kTimeout = 1.0;      // for immediate replies [s]
+constexpr double kSmallStep = 0.002;  // of a followed width [m]
 
 HostTime after(double seconds) {
   return host_now() + std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * seconds));
@@ -108,6 +110,7 @@ void EndEffectorConnection::connect() {
     const std::lock_guard lock(mutex_);
     number_ = 0;
     order_.reset();
+    following_.reset();
     connected_ = true;
   }
   present_ = true;
@@ -115,37 +118,78 @@ void EndEffectorConnection::connect() {
   thread_ = std::thread([this] { run(); });
 }
 
-std::future<RequestAnswer> EndEffectorConnection::request(const GripperRequest& request) {
-  Request entry;
-  auto future = entry.answer.get_future();
-  const auto refuse = [&](std::string why) {
-    entry.answer.set_value({.success = false, .reason = std::move(why)});
-    return std::move(future);
-  };
-  const std::lock_guard lock(mutex_);
-  if (!connected_) return refuse(who_ + " is not connected: reconnect the arm");
+// The reason if it cannot begin; empty: it runs.
+std::string EndEffectorConnection::begin(const GripperRequest& request, Request entry) {
   std::string why;
   entry.message.resize(64);
   entry.command_id = channel_.next_id();
   entry.message.resize(protocol_->encode(request, entry.command_id, entry.message, why));
-  if (!why.empty()) return refuse(std::move(why));
-  if (entry.message.empty()) {
-    return refuse(who_ + (is_vacuum() ? " is a vacuum gripper" : " is a gripper with fingers") +
-                  " and does not support this request");
-  }
+  if (!why.empty()) return why;
+  if (entry.message.empty())
+    return who_ + (is_vacuum() ? " is a vacuum gripper" : " is a gripper with fingers") +
+           " and does not support this request";
   entry.give_up = after(protocol_->patience_s(request));
   try {
     constexpr double kAtOnce = 0;  // the sender may have to pass on a stop of the arms next
     channel_.send(entry.message, kAtOnce);
   } catch (const ConnectionError& error) {
     if (error.is_fatal()) present_ = false;  // run() also notices, and answers the other pending requests
-    return refuse(error.what());
+    return error.what();
   }
   running_.push_back(std::move(entry));
   moving_ = true;
   const std::uint64_t one = 1;
   (void)!::write(wake_, &one, sizeof one);
+  return {};
+}
+
+std::future<RequestAnswer> EndEffectorConnection::request(const GripperRequest& request) {
+  const std::lock_guard lock(mutex_);
+  if (!connected_) return refuse_request(who_ + " is not connected: reconnect the arm");
+  if (const auto* wanted = std::get_if<GripperFollow>(&request); wanted != nullptr && !is_vacuum()) {
+    if (auto why = check(request); !why.empty()) return refuse_request(std::move(why));
+    if (!following_ && !wanted->width) return answer_now({.success = true, .reason = {}});
+    if (!following_) sent_width_ = width_;
+    if (wanted->width) following_ = *wanted;
+    follow_until_ = after(wanted->width ? wanted->silence : 0);
+    const std::uint64_t one = 1;
+    (void)!::write(wake_, &one, sizeof one);
+    return answer_now({.success = true, .reason = {}});
+  }
+  Request entry;
+  auto future = entry.answer.get_future();
+  std::string why = begin(request, std::move(entry));
+  if (!why.empty()) return refuse_request(std::move(why));
+  following_.reset();
   return future;
+}
+
+// The next move to the newest width, if one is due. With the mutex.
+void EndEffectorConnection::follow() {
+  if (!following_) return;
+  const double width = width_, most = max_width_;
+  const auto move_to = [&](double to) {
+    sent_width_ = to;
+    blocked_ = false;
+    const std::string why = begin(GripperMove{to, following_->speed}, {.follows = true});
+    if (!why.empty()) following_.reset();
+  };
+  if (host_now() >= follow_until_) {
+    if (!running_.empty() && running_.back().follows) move_to(width);
+    return following_.reset();
+  }
+  if (!running_.empty()) return;
+  const double to = most > 0 ? std::min(*following_->width, most) : *following_->width;
+  if (grasped_ && to < width + kSmallStep) return;
+  if (blocked_ && to <= sent_width_ && width > to + kSmallStep) {
+    blocked_ = false;
+    const std::string why = begin(
+        GripperGrasp{.width = width, .speed = following_->speed, .force = following_->force, .tolerance_inner = 1, .tolerance_outer = 1},
+        {.follows = true});
+    if (!why.empty()) following_.reset();
+  } else if (std::abs(to - sent_width_) >= kSmallStep) {
+    move_to(to);
+  }
 }
 
 void EndEffectorConnection::run() {
@@ -156,8 +200,12 @@ void EndEffectorConnection::run() {
       return channel_.file();
     }();
     std::array<pollfd, 3> files{pollfd{tcp, POLLIN, 0}, pollfd{udp_, POLLIN, 0}, pollfd{wake_, POLLIN, 0}};
-    constexpr int kLookMs = 100;  // interval for detecting expired requests
-    (void)::poll(files.data(), files.size(), kLookMs);
+    constexpr int kLookMs = 100, kFollowMs = 10;  // interval for detecting expired requests, and silence
+    const bool follows = [this] {
+      const std::lock_guard lock(mutex_);
+      return following_.has_value();
+    }();
+    (void)::poll(files.data(), files.size(), follows ? kFollowMs : kLookMs);
     std::uint64_t count = 0;
     (void)!::read(wake_, &count, sizeof count);
     read_states();
@@ -167,6 +215,7 @@ void EndEffectorConnection::run() {
         throw ConnectionError(ConnectionError::Kind::lost, "the connection is lost: reconnect");
       channel_.read_available();
       answer_requests();
+      follow();
     } catch (const ConnectionError& error) {
       lost = error.what();
     }
@@ -188,6 +237,7 @@ void EndEffectorConnection::answer_requests() {
       if (decode_gripper_reply(reply->payload, status) != WireResult::ok) {
         throw ConnectionError(ConnectionError::Kind::protocol, who_ + " sent an invalid reply");
       }
+      if (request.follows) blocked_ = status == GripperStatus::unsuccessful;
       request.answer.set_value(answer_of(status, protocol_->is_vacuum()));
       return true;
     }

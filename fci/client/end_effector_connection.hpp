@@ -6,6 +6,7 @@
 #include <memory>
 #include <mutex>
 #include <netinet/in.h>
+#include <optional>
 #include <span>
 #include <string>
 #include <thread>
@@ -37,6 +38,10 @@ class EndEffectorProtocol {
 // The connection of one gripper: its thread sends requests, matches replies in any order, and reads the
 // states. A stop is sent at once.
 //
+// Widths to follow: the protocol has whole motions only, so the newest width is sent as a move when none runs and
+// the last one was at least 2 mm away; what ends a closing move early is grasped. In silence a move that runs is
+// replaced by one to the present width: a stop would switch the motor off.
+//
 // connect(), request() from any thread; state() from the loop.
 class EndEffectorConnection final : public EndEffector {
  public:
@@ -60,7 +65,10 @@ class EndEffectorConnection final : public EndEffector {
     std::uint32_t command_id = 0;
     HostTime give_up{};
     std::promise<RequestAnswer> answer;
+    bool follows = false;  // a move to a width that is followed
   };
+  std::string begin(const GripperRequest& request, Request entry);
+  void follow();
   void run();
   void disconnect(const std::string& why);
   void read_states();
@@ -74,6 +82,10 @@ class EndEffectorConnection final : public EndEffector {
 
   std::mutex mutex_;  // protects the following members and, while connected_, channel_
   std::vector<Request> running_;
+  std::optional<GripperFollow> following_;
+  HostTime follow_until_{};
+  double sent_width_ = 0;  // of the last move to a followed width [m]
+  bool blocked_ = false;   // that move ended before its width
   bool connected_ = false;
   std::atomic<bool> ending_{false};
   std::thread thread_;

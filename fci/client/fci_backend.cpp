@@ -411,7 +411,11 @@ FciArmConfig fci_arm_config(const SceneArm& arm, const std::string& address) {
   if (!config.thresholds && !(arm.fci && arm.fci->keep_collision_thresholds)) {
     config.thresholds = careful_thresholds(*config.model);
   }
-  if (arm.vacuum || (arm.fci && arm.fci->vacuum)) {
+  if (arm.fci && !arm.fci->robotiq.empty()) {
+    config.end_effector = [name = arm.name, port = arm.fci->robotiq, model = arm.fci->robotiq_model] {
+      return robotiq_link(name, port, model);
+    };
+  } else if (arm.vacuum || (arm.fci && arm.fci->vacuum)) {
     config.end_effector = [name = arm.name, address] { return vacuum_link(name, address); };
   } else if (arm.hand && (!arm.fci || arm.fci->gripper)) {
     config.end_effector = [name = arm.name, address] { return gripper_link(name, address); };

@@ -105,6 +105,51 @@ TEST(GripperLink, StopAndNewMotionsAbortTheOneThatRuns) {
   EXPECT_TRUE(wait(link->request(GripperStop{})).success);  // nothing runs
 }
 
+// The hand has whole motions only: widths are skipped while one runs, and the newest one is where it ends.
+TEST(GripperLink, FollowsTheNewestWidthWithWholeMotions) {
+  const Virtual world("127.1.60.7");
+  const auto link = world.gripper();
+  EXPECT_GT(next_state(*link).width, 0.075);
+  const auto follow = [&](std::optional<double> width, double speed = 0.2) {
+    const GripperFollow wanted{.width = width, .speed = speed, .silence = 1};
+    auto answer = link->request(wanted);
+    EXPECT_EQ(answer.wait_for(std::chrono::seconds(0)), std::future_status::ready);  // never waits
+    EXPECT_TRUE(answer.get().success);
+  };
+  const auto until = [&](const auto& condition) {
+    const HostTime begun = host_now();
+    while (!condition() && host_now() - begun < std::chrono::seconds(20)) std::this_thread::yield();
+    EXPECT_TRUE(condition());
+  };
+  follow(0.06, 0.05);
+  until([&] { return link->state().moving; });
+  for (int k = 1; k <= 30; ++k) follow(0.06 - 0.001 * k);
+  until([&] {
+    follow(0.03);
+    return !link->state().moving && std::abs(link->state().width - 0.03) < 1e-3;
+  });
+  // A small change is ignored.
+  const double here = next_state(*link).width;
+  follow(0.031);
+  EXPECT_NEAR(next_state(*link).width, here, 2e-4);
+  EXPECT_FALSE(link->state().moving);
+  // A hold ends the motion where it is.
+  follow(0.07, 0.01);
+  until([&] { return link->state().width > 0.034; });
+  follow(std::nullopt);
+  until([&] { return !link->state().moving; });
+  EXPECT_LT(next_state(*link).width, 0.06);
+  // In silence, too.
+  EXPECT_TRUE(wait(link->request(GripperFollow{.width = 0.0, .speed = 0.005, .silence = 0.1})).success);
+  until([&] { return link->state().moving; });
+  until([&] { return !link->state().moving; });
+  EXPECT_GT(next_state(*link).width, 0.01);
+  // Any other motion ends the following. Both fingers touch at 0: what is between is grasped.
+  EXPECT_TRUE(wait(link->request(GripperMove{.width = 0.05, .speed = 0.2})).success);
+  EXPECT_NE(wait(link->request(GripperFollow{.width = NAN})).reason.find("width"), std::string::npos);
+  EXPECT_NEAR(next_state(*link).width, 0.05, 1e-3);
+}
+
 TEST(GripperLink, ImplausibleRequestsAreRefusedOnBothEnds) {
   const Virtual world("127.1.60.3");
   const auto link = world.gripper();

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
+from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
 
 from .base_client import BaseClient
+from .connection import Json, accepted
 from .errors import Refused
 from .model import ArmModel
 from .pose import Pose
 from .state import ArmState, GripperState
 
 _GRIPPER_PATIENCE_S = 620  # the run gives up after 600 s
+_FOLLOWED_S, _MOST_FOLLOWED = 0.2, 16  # silence of a width; unanswered ones
 
 
 def _pose(values: Any) -> dict[str, list[float]]:
@@ -40,13 +44,17 @@ class _Device:
 
 
 class Gripper(_Device):
-    """The hand of an arm. Each call returns when the motion has ended.
+    """The hand of an arm. Each call returns when the motion has ended, but follow() and hold() at once.
 
     Every call raises `Refused` if the arm has no hand or the motion failed, `Timeout` without an answer in 620 s,
     `Disconnected` once the run has ended.
     """
 
     _kind = "gripper"
+
+    def __init__(self, arm: Arm) -> None:
+        super().__init__(arm)
+        self._followed: deque[Future[Json]] = deque()
 
     @property
     def state(self) -> GripperState:
@@ -83,6 +91,53 @@ class Gripper(_Device):
             Refused: What is between the fingers has another width, or there is nothing.
         """
         self._ask("grasp", width_m=width_m, speed_m_per_s=speed_m_per_s, force_n=force_n, tolerance_m=tolerance_m)
+
+
+    def follow(
+        self,
+        width_m: float,
+        speed_m_per_s: float | None = None,
+        force_n: float | None = None,
+        silence_s: float | None = None,
+    ) -> bool:
+        """Sends the newest of a stream of widths, 20 to 50 per second; never waits.
+
+        What the fingers close on is held, until a width above its own. Without the next width for `silence_s`, after a
+        stop of the arm and at the end of this process they stay where they are, and hold what they hold.
+
+        Args:
+            width_m: Distance of the fingers [m]; beyond their range they go to its end.
+            speed_m_per_s: Speed at which they approach it [m/s]; 0.1 by default.
+            force_n: Force on what is between them [N]; 40 by default.
+            silence_s: How long it counts without a newer one [s], at most 1; 0.2 by default.
+
+        Returns:
+            False if the run has not answered earlier ones yet, and this one was dropped.
+
+        Raises:
+            Refused: An earlier one was refused: the arm is stopped, has no hand, or another client's widths are followed.
+            ValueError: The width is not a finite number.
+        """
+        if not np.isfinite(width_m):
+            raise ValueError(f"expected a finite width [m], found {width_m}")
+        while self._followed and self._followed[0].done():
+            answer = self._followed.popleft().result()
+            if not answer.get("ok"):
+                self._followed.clear()
+                accepted(answer)
+        if len(self._followed) >= _MOST_FOLLOWED:
+            return False
+        given = {"width_m": float(width_m), "speed_m_per_s": speed_m_per_s, "force_n": force_n, "silence_s": silence_s}
+        request = {"do": self._kind, "arm": self._arm.name, "action": "follow"}
+        request |= {key: value for key, value in given.items() if value is not None}
+        patience_s = _FOLLOWED_S if silence_s is None else silence_s
+        self._followed.append(self._arm.client.connection.post(request, patience_s))
+        return True
+
+    def hold(self) -> None:
+        """Ends follow(): the fingers stay where they are, and hold what they hold."""
+        self._followed.clear()
+        self._ask("follow")
 
 
 class Vacuum(_Device):

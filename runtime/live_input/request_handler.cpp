@@ -49,6 +49,7 @@ void end_or_stop(MultimodeController& modes, InstanceSet instances) {
 RequestHandler::RequestHandler(LiveInputContext run) : run_(std::move(run)) {
   for (const auto& model : run_.models) terms_.emplace_back(model);
   run_.mounts.resize(run_.models.size());
+  following_.resize(run_.modes->arm_count());
 }
 
 void RequestHandler::begin_stop(const json& request, Pending& pending) {
@@ -370,6 +371,7 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
   if (auto* of_gripper = std::get_if<GripperRequest>(&request)) {
     pending.patience_s = kGripperPatience;
     pending.arm = target;
+    take_gripper(target, *of_gripper, fields, pending);
     // What is held and shall be held more firmly would fall.
     run_.latest->copy(snapshot_);
     const bool tightens =
@@ -379,6 +381,7 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
       const bool suction =
           std::holds_alternative<VacuumOn>(*of_gripper) || std::holds_alternative<VacuumDrop>(*of_gripper);
       pending.ending = suction ? GripperRequest(VacuumStop{}) : GripperRequest(GripperStop{});
+      if (std::holds_alternative<GripperFollow>(*of_gripper)) pending.ending = GripperRequest(GripperFollow{});
     }
     pending.answer = request_arm(*run_.modes, *run_.backend, target, std::move(*of_gripper));
   } else {
@@ -386,6 +389,39 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
     const auto* load = std::get_if<SetLoad>(&of_arm);
     if (load != nullptr) pending.done = load_done(target, load->load.mass);
     pending.answer = request_arm(*run_.modes, *run_.backend, target, std::move(of_arm));
+  }
+}
+
+// While a gripper follows one client's widths, others do not move it. A width is not older than its silence.
+void RequestHandler::take_gripper(ArmIndex arm, const GripperRequest& request, const JsonFields& fields,
+                                  Pending& pending) {
+  Following& following = following_[arm];
+  const HostTime now = host_now();
+  const bool ends = ends_motion(BackendRequest(request));
+  if (!ends && following.client != pending.client && now < following.until)
+    throw RequestRefused("two_owners",
+                         "the gripper of arm '" + run_.modes->arm_name(arm) +
+                             "' follows widths of another client: end that stream first, or 'stop' it");
+  following = {};
+  const auto* follow = std::get_if<GripperFollow>(&request);
+  if (ends || follow == nullptr) return;
+  if (auto why = check(request); !why.empty()) fields.refuse(why);
+  const auto silence_ns = static_cast<std::int64_t>(1e9 * follow->silence);
+  *pending.begin_by = std::min(pending.begin_by->load(), pending.asked.ns + silence_ns);
+  if (now.ns > *pending.begin_by)
+    throw RequestRefused(std::string(name_of(Verdict::timeout)),
+                         fmt::format("the width is {:.1f} s old, longer than 'silence_s', and is not followed",
+                                     seconds(now - pending.asked)));
+  if (run_.modes->stopped().contains(arm)) return;  // refused next
+  following = {.client = pending.client, .until = HostTime{now.ns + silence_ns}};
+}
+
+void RequestHandler::end_following(const void* client) {
+  for (ArmIndex arm = 0; arm < following_.size(); ++arm) {
+    const bool ends = client != nullptr ? following_[arm].client == client : run_.modes->stopped().contains(arm);
+    if (following_[arm].client == nullptr || !ends) continue;
+    following_[arm] = {};
+    (void)run_.backend->request(arm, GripperRequest(GripperFollow{}));
   }
 }
 

@@ -88,6 +88,7 @@ class RequestHandler {
     ArmSet stopping;                       // arms of a stop request
     std::optional<GripperRequest> ending;  // what stops the gripper's motion that it begins
     ArmIndex arm = 0;                      // of that gripper
+    const void* client = nullptr;          // who asks
     std::string wrong;                     // in that request; empty: nothing
     std::shared_ptr<std::atomic<std::int64_t>> begin_by =  // host time [ns]
         std::make_shared<std::atomic<std::int64_t>>(std::numeric_limits<std::int64_t>::max());
@@ -102,6 +103,8 @@ class RequestHandler {
   // Its sender has disconnected: pending requests do not begin, unless they are switches to hold, and a
   // gripper that has not finished its motion stops. Returns the answer to that stop; invalid: there is none.
   std::future<RequestAnswer> abandon(Pending& pending);
+  // Grippers that follow a client's widths stay where they are: those of stopped arms, or of a gone `client`.
+  void end_following(const void* client = nullptr);
   // A switch that activates nothing but hold, which is safer than what was asked before.
   bool only_holds(const Request& request) const;
   bool only_holds(const nlohmann::json& request) const;
@@ -142,7 +145,13 @@ class RequestHandler {
     std::optional<Pose> X_WB;
   };
 
+  struct Following {
+    const void* client = nullptr;
+    HostTime until;
+  };
+
   void begin_stop(const nlohmann::json& request, Pending& pending);
+  void take_gripper(ArmIndex arm, const GripperRequest& request, const JsonFields& fields, Pending& pending);
   void check_whose_arms(const JsonFields& fields) const;
   static void keep_patience(const JsonFields& fields, HostTime not_before, Pending& pending);
   Request read_switch(const JsonFields& fields) const;
@@ -165,6 +174,7 @@ class RequestHandler {
   LiveInputContext run_;
   LatestState::Snapshot snapshot_;
   std::vector<ModelTerms> terms_;
+  std::vector<Following> following_;  // per arm: whose widths its gripper follows
 };
 
 }  // namespace multipanda

@@ -835,6 +835,75 @@ TEST_F(RequestsTest, GrippersTakeNamedActions) {
   EXPECT_TRUE(ends(firmer, "arm0"));
 }
 
+// Of its gripper requests, it keeps the widths to follow, and -1 for a hold.
+class WidthsBackend final : public Backend {
+ public:
+  std::size_t arm_count() const override { return 2; }
+  Capabilities capabilities(ArmIndex) const override { return {}; }
+  ArmSet wait() override { return {}; }
+  LoopTime now() const override { return {}; }
+  void read(ArmSet, std::span<ArmState>) override {}
+  void write(ArmSet, std::span<const ArmCommand>) override {}
+  std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return refuse_request("no"); }
+  std::future<RequestAnswer> request(ArmIndex, GripperRequest request) override {
+    if (const auto* follow = std::get_if<GripperFollow>(&request)) widths.push_back(follow->width.value_or(-1));
+    return answer_now({.success = true, .reason = {}});
+  }
+  std::vector<double> widths;
+};
+
+TEST_F(RequestsTest, AGripperFollowsOneClientUntilItIsGoneOrItsArmIsStopped) {
+  WidthsBackend grippers;
+  LiveInputContext run = fixture_.run();
+  run.backend = &grippers;
+  RequestHandler handler(run);
+  const int one = 1, other = 2;
+  const auto send = [&](json request, const int& client) -> std::string {
+    RequestHandler::Pending pending;
+    pending.client = &client;
+    request["do"] = "gripper";
+    request["arm"] = "arm0";
+    try {
+      if (const auto at_once = handler.begin(request, pending)) return (*at_once)["verdict"];
+      const auto answer = handler.poll(pending);
+      return answer && (*answer)["ok"] == true ? "" : answer->value("reason", "");
+    } catch (const RequestRefused& refused) {
+      return refused.what();
+    }
+  };
+  const auto follow = [](double width) { return json{{"action", "follow"}, {"width_m", width}, {"silence_s", 1}}; };
+  EXPECT_EQ(send(follow(0.03), one), "");
+  EXPECT_EQ(send(follow(0.02), one), "");
+  EXPECT_THAT(send(follow(0.07), other), HasSubstr("another client"));
+  EXPECT_THAT(send({{"action", "move"}, {"width_m", 0.07}}, other), HasSubstr("another client"));
+  EXPECT_EQ(grippers.widths, (std::vector{0.03, 0.02}));
+  // Its own next motion ends it; then the other's turn has come.
+  EXPECT_EQ(send({{"action", "move"}, {"width_m", 0.01}}, one), "");
+  EXPECT_EQ(send(follow(0.07), other), "");
+  handler.end_following(&one);
+  EXPECT_EQ(grippers.widths.back(), 0.07);
+  handler.end_following(&other);
+  EXPECT_EQ(grippers.widths.back(), -1);
+  // So does anyone's stop of the gripper, and a stop of the arm.
+  EXPECT_EQ(send(follow(0.03), one), "");
+  EXPECT_EQ(send({{"action", "stop"}}, other), "");
+  EXPECT_EQ(send(follow(0.04), other), "");
+  handler.end_following();
+  EXPECT_EQ(grippers.widths.back(), 0.04);
+  EXPECT_EQ(ask(R"({"do":"stop","arms":["arm0"]})")["ok"], true);
+  handler.end_following();
+  EXPECT_EQ(grippers.widths.back(), -1);
+  EXPECT_THAT(send(follow(0.03), other), HasSubstr("stopped"));
+  EXPECT_EQ(grippers.widths.back(), -1);
+  EXPECT_EQ(ask(R"({"do":"resume"})")["ok"], true);
+  // Neither old nor impossible widths.
+  json old = follow(0.05);
+  old["asked_ns"] = host_now().ns - 2'000'000'000;
+  EXPECT_THAT(send(old, other), HasSubstr("s old"));
+  EXPECT_THAT(send(follow(2), other), HasSubstr("0 to 1 m"));
+  EXPECT_EQ(grippers.widths.back(), -1);
+}
+
 TEST_F(RequestsTest, StateNamesErrorsAndTheReasonOfAStop) {
   CycleRecord record(2, 0, 0);
   record.cycle = 1;

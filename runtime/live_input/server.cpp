@@ -79,6 +79,7 @@ void LiveServer::run() {
   while (!ending_.load(std::memory_order_acquire)) {
     wait();
     const auto now = Clock::now();
+    handler_.end_following();
     std::string state;  // made once a turn, for all that are due
     for (Client& client : clients_) {
       poll_requests(client);
@@ -257,6 +258,7 @@ void LiveServer::hang_up(Client& client) {
     if (handler_.only_holds(json::parse(line->line.text, nullptr, false))) take_line(client, *line);
   }
   for (Started& started : client.requests) (void)handler_.abandon(started.pending);
+  handler_.end_following(&client);
   if (client.leads != 0) end_or_stop(handler_.modes(), client.leads);
 }
 
@@ -351,6 +353,7 @@ void LiveServer::take_line(Client& client, const Waiting& waiting) {
     }
     if (take_connection_request(client, request, id)) return;
     Started started{.id = id, .pending = {}};
+    started.pending.client = &client;
     const HostTime not_before =
         gaps_.look(host_now(), 0);  // this thread may have stalled since it read the line
     if (auto at_once = handler_.begin(request, started.pending, arrived, not_before)) {

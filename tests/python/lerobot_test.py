@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 import unittest
 
@@ -26,7 +25,6 @@ from multipanda.lerobot import (
     SpaceMouseLeader,
     SpaceMouseSettings as MouseSettings,
 )
-from multipanda.lerobot.fingers import Fingers as OneHand
 from multipanda.lerobot.names import SteadySigns, quantity_names
 from space_mouse_device import Device
 
@@ -424,55 +422,30 @@ class Fingers(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, "at most 0.2 m for the fingers of 'left'"):
                 robot.act(hand | {"left_gripper.pos": 0.3})
             self.assertTrue(held(run, ["left"]))
-            with self.assertLogs("multipanda.lerobot", "WARNING") as said:
-                robot.act(hand | {"left_gripper.pos": 0.15})  # wider than this hand opens
-                until(lambda: said.output, "the answer of the hand")
-            robot.act(hand | {"left_gripper.pos": 0.0})
-            until(lambda: run.arms["left"].state.gripper.grasped, "grasped again")
+            to(0.15, lambda fingers: fingers.width_m > 0.079 and not fingers.grasped)  # wider than this hand opens
+            to(0.0, lambda fingers: fingers.grasped)
             robot.disconnect()
             self.assertTrue(run.arms["left"].state.gripper.grasped)
 
 
-class Hand:
-    """A hand whose motions last until stop() ends them."""
-
-    def __init__(self):
-        self.asked, self.ended = [], threading.Event()
-
-    def move(self, width_m):
-        self.asked.append(width_m)
-        self.ended.wait(60)
-
-    def grasp(self, width_m, **_):
-        self.move(width_m)
-
-    def stop(self):
-        self.asked.append("stop")
-        self.ended.set()
-
-
 class FingersOfAHeldRobot(unittest.TestCase):
-    def test_a_motion_under_way_is_ended_and_may_begin_again(self):
-        hand = Hand()
-        fingers = OneHand(hand, grasp_below_m=0.01, force_n=20, step_m=0.004)
-        fingers.stop()  # nothing moves: what is held is not let go
-        self.assertEqual(hand.asked, [])
-        fingers.aim(0.0, None)
-        until(lambda: hand.asked == [0], "the grasp")
-        fingers.stop()
-        fingers.close()
-        self.assertEqual(hand.asked, [0, "stop"])
-        fingers.aim(0.0, None)
-        until(lambda: hand.asked == [0, "stop", 0], "the grasp again")
+    def test_they_stay_where_they_are_and_begin_again(self):
+        scene = edited("grippers", "grippers_held", ("active: [left_pose, right_pose]", ""))
+        settings = {"arms": ["left"], "action": "pose", "observe": ["pose"], "grippers": ["left"]}
+        with joined(scene, **settings) as (run, robot):
+            hand = robot.observe()
 
-    def test_holding_the_robot_ends_it(self):
-        robot = ArmsRobot(RobotSettings(arms=["left"], grippers=["left"]))
-        hand = Hand()
-        robot._fingers["left"] = OneHand(hand, grasp_below_m=0.01, force_n=20, step_m=0.004)
-        robot._fingers["left"].aim(0.05, None)
-        until(lambda: hand.asked == [0.05], "the motion")
-        robot.hold()
-        self.assertEqual(hand.asked, [0.05, "stop"])
+            def closes():
+                robot.act(hand | {"left_gripper.pos": 0.0})
+                return run.arms["left"].state.gripper.width_m < 0.07
+
+            until(closes, "closing fingers")
+            robot.hold()
+            start = run.state().t_s
+            until(lambda: run.state().t_s > start + 0.5, "half a second")
+            self.assertGreater(run.arms["left"].state.gripper.width_m, 0.045)  # the box is 40 mm wide
+            self.assertFalse(run.arms["left"].state.gripper.moving)
+            until(lambda: closes() and run.arms["left"].state.gripper.grasped, "a grasp of the box")
 
 
 class Leaders(unittest.TestCase):

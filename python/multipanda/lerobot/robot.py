@@ -86,8 +86,8 @@ class ArmsRobot(Connected):
         state = client.state()
         if "wrench" in s.observe and any(state.arms[arm].wrench_n_nm is None for arm in s.arms):
             raise Refused("no_wrench", "an arm estimates no wrench", "leave it out of `observe`")
-        hand = s.grasp_below_m, s.grasp_force_n, s.gripper_step_m
-        self._fingers = {arm: Fingers(client.arms[arm].gripper, *hand) for arm in s.grippers}
+        hands = {arm: client.arms[arm].gripper for arm in s.grippers}
+        self._fingers = {arm: Fingers(hand, s.grasp_below_m, s.grasp_force_n) for arm, hand in hands.items()}
 
     def observe(self) -> dict[str, float]:
         """Measurements of the arms, at most 0.1 s old, all of one cycle.
@@ -135,7 +135,7 @@ class ArmsRobot(Connected):
                 pose = self.settings.action == "pose"
                 self._streams[arm].send(in_world(self._bases[arm], target) if pose else target)
             for arm, width in widths.items():
-                self._fingers[arm].aim(width, state.arms[arm].gripper)
+                self._fingers[arm].aim(width)
         except BaseException:
             self.hold()
             raise
@@ -243,7 +243,7 @@ class ArmsRobot(Connected):
             self._streams[arm] = law.stream(name)
 
     def hold(self) -> None:
-        """Holds the arms that this robot moves, all at the same cycle, and ends motions of fingers. Never raises. The
+        """Holds the arms that this robot moves, all at the same cycle, and their fingers where they are. Never raises. The
         next action begins again."""
         self._hold_arms()
         for fingers in self._fingers.values():
@@ -266,7 +266,7 @@ class ArmsRobot(Connected):
         if client is None:
             return
         for fingers in self._fingers.values():
-            fingers.close()
+            fingers.stop()
         close_run(client)
 
 

@@ -68,9 +68,8 @@ class RobotSettings(RunSettings):
         max_jump_rad: Largest distance of a joint's target from the joint [rad].
         max_jump_m: Largest distance of a pose from the hand [m].
         max_turn_rad: Largest angle of a pose to the hand [rad].
-        grasp_below_m: A gripper's target at or below it is a grasp [m], above it a width.
-        grasp_force_n: Force of a grasp [N].
-        gripper_step_m: Smallest change of a gripper's target that is sent [m].
+        grasp_below_m: A gripper's target at or below it closes the fingers wholly [m].
+        grasp_force_n: Force on what is between the fingers [N].
     """
 
     arms: list[str] = field(default_factory=lambda: ["arm"])
@@ -84,7 +83,6 @@ class RobotSettings(RunSettings):
     max_turn_rad: float = 0.5
     grasp_below_m: float = 0.01
     grasp_force_n: float = 20.0
-    gripper_step_m: float = 0.004
 
     def check(self) -> None:
         """Raises ValueError for invalid settings of a robot."""
@@ -99,7 +97,7 @@ class RobotSettings(RunSettings):
         _known("controllets", list(self.controllets), self.arms)
         for name, most in (("max_jump_rad", math.pi), ("max_jump_m", 0.5), ("max_turn_rad", math.pi)):
             _within(name, getattr(self, name), most)
-        for name, most in (("grasp_below_m", 0.2), ("grasp_force_n", 140), ("gripper_step_m", 0.1)):
+        for name, most in (("grasp_below_m", 0.2), ("grasp_force_n", 140)):
             _within(name, getattr(self, name), most)
 
 
