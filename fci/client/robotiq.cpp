@@ -22,6 +22,7 @@
 // registers from 0x03E8 (activation, go; position 0 open to 255 closed; speed, force), three input registers from
 // 0x07D0 (activation, object; fault, echo of the position; position, current).
 namespace multipanda::fci {
+namespace robotiq {
 namespace {
 
 using Bytes = std::vector<unsigned char>;
@@ -70,7 +71,7 @@ class Robotiq final : public EndEffector {
   void connect() override;
   bool is_vacuum() const override { return false; }
   std::future<RequestAnswer> request(const GripperRequest& request) override;
-  GripperState state() const noexcept override {
+  multipanda::GripperState state() const noexcept override {
     return {.present = present_, .width = width_, .max_width = max_width_, .grasped = grasped_, .moving = moving_};
   }
 
@@ -361,10 +362,11 @@ std::future<RequestAnswer> Robotiq::request(const GripperRequest& request) {
 }
 
 }  // namespace
+}  // namespace robotiq
 
 std::unique_ptr<EndEffector> robotiq_link(const std::string& name, const std::string& port,
                                           const std::string& model) {
-  return std::make_unique<Robotiq>(name, port, model);
+  return std::make_unique<robotiq::Robotiq>(name, port, model);
 }
 
 }  // namespace multipanda::fci
