@@ -408,7 +408,8 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
     check_address(archive.at("fci"), *arm.fci, reader);
   }
   if (archive.reading() && arm.fci && !arm.fci->robotiq.empty() && (arm.hand || arm.vacuum))
-    archive.at("fci").refuse("the Robotiq gripper replaces the hand and the vacuum gripper; write 'hand: false'");
+    archive.at("fci").refuse(
+        "the Robotiq gripper replaces the hand and the vacuum gripper; write 'hand: false'");
   const RobotDescription& description = robot ? *robot : RobotDescription{};
   archive.section(Key("collision",
                       "Thresholds of contact and reflex, set on the arm at the start. Default: 80 N, 25 N m "

@@ -135,10 +135,12 @@ void visit(Archive& archive, FciConnection& fci, SceneReader& reader) {
   archive(Key("gripper", "Connect to the gripper of the hand. The arm also runs without one."), fci.gripper);
   archive(Key("vacuum", "Connect to a vacuum gripper."), fci.vacuum);
   archive(Key("robotiq",
-              "Serial port of a Robotiq 2F gripper at this computer, in place of the hand (`hand: false`), such as "
+              "Serial port of a Robotiq 2F gripper at this computer, in place of the hand (`hand: false`), "
+              "such as "
               "/dev/serial/by-id/usb-FTDI_..."),
           fci.robotiq);
-  archive(Key("robotiq_model", "Its stroke, speeds and forces.").one_of({"2f-85", "2f-140"}), fci.robotiq_model);
+  archive(Key("robotiq_model", "Its stroke, speeds and forces.").one_of({"2f-85", "2f-140"}),
+          fci.robotiq_model);
   archive(
       Key("low_pass_hz", "Cutoff frequency of a low-pass on the commanded torques; 0: none.").within(0, 1000),
       fci.low_pass_hz);

@@ -85,6 +85,13 @@ TEST(Load, ReadsTheRosSection) {
       testing::ElementsAre(1000, 1, 2, 3, 4, 5, 6, 7, 8, 11, 9, 10, 0));
 }
 
+TEST(Load, ReadsTheRobotiqOfAnArm) {
+  const Scene scene =
+      parse("arms:\n  - {name: a, hand: false, fci: {robotiq: /dev/ttyUSB0, robotiq_model: 2f-140}}\n");
+  EXPECT_EQ(scene.arms[0].fci->robotiq, "/dev/ttyUSB0");
+  EXPECT_EQ(scene.arms[0].fci->robotiq_model, "2f-140");
+}
+
 TEST(Load, ReadsTheSettingsOfTheArmItself) {
   const Scene scene = parse(
       "arms:\n"

@@ -72,7 +72,7 @@ struct FciConnection {
   bool vacuum = false;                 // connect to a vacuum gripper
   std::string robotiq;                 // serial port of a Robotiq gripper; empty: none
   std::string robotiq_model = "2f-85";
-  double low_pass_hz = 0;              // of commanded torques; 0: none
+  double low_pass_hz = 0;   // of commanded torques; 0: none
   bool check_model = true;  // compare the robot model that the arm provides with the scene's at the start
   bool recover_at_start = false;           // clear a reflex of the arm without a request
   bool keep_collision_thresholds = false;  // without the arm's key `collision`: those of an earlier program

@@ -170,9 +170,10 @@ struct GripperGrasp {
     fields.optional("tolerance_outer_m", tolerance_outer, RequestBound::not_negative);
   }
 };
-// Answered at once. The newest width counts, approached with `speed`; what is in between is pressed with `force`
-// and stays held until a width above its own comes. Widths are skipped while another motion runs. Without the
-// next one for `silence`, or without a width, the fingers stay where they are, and hold what they hold.
+// Answered at once. The newest width counts, approached with `speed`; what is in between is pressed with
+// `force` and stays held until a width above its own comes. Widths are skipped while another motion runs.
+// Without the next one for `silence`, or without a width, the fingers stay where they are, and hold what they
+// hold.
 struct GripperFollow {
   static constexpr double kMostSilence = 1;  // [s]
   std::optional<double> width;               // [m]
@@ -209,9 +210,8 @@ struct VacuumStop {
   void visit(auto& /*fields*/) {}
 };
 
-using GripperRequest =
-    AskedRequest<GripperHoming, GripperMove, GripperGrasp, GripperFollow, GripperStop, VacuumOn, VacuumDrop,
-                 VacuumStop>;
+using GripperRequest = AskedRequest<GripperHoming, GripperMove, GripperGrasp, GripperFollow, GripperStop,
+                                    VacuumOn, VacuumDrop, VacuumStop>;
 
 // Why no gripper can carry out the request, or an empty string. Off the loop. The limits of a particular
 // gripper are checked by its backend.

@@ -183,9 +183,12 @@ void EndEffectorConnection::follow() {
   if (grasped_ && to < width + kSmallStep) return;
   if (blocked_ && to <= sent_width_ && width > to + kSmallStep) {
     blocked_ = false;
-    const std::string why = begin(
-        GripperGrasp{.width = width, .speed = following_->speed, .force = following_->force, .tolerance_inner = 1, .tolerance_outer = 1},
-        {.follows = true});
+    const std::string why = begin(GripperGrasp{.width = width,
+                                               .speed = following_->speed,
+                                               .force = following_->force,
+                                               .tolerance_inner = 1,
+                                               .tolerance_outer = 1},
+                                  {.follows = true});
     if (!why.empty()) following_.reset();
   } else if (std::abs(to - sent_width_) >= kSmallStep) {
     move_to(to);

@@ -38,9 +38,9 @@ class EndEffectorProtocol {
 // The connection of one gripper: its thread sends requests, matches replies in any order, and reads the
 // states. A stop is sent at once.
 //
-// Widths to follow: the protocol has whole motions only, so the newest width is sent as a move when none runs and
-// the last one was at least 2 mm away; what ends a closing move early is grasped. In silence a move that runs is
-// replaced by one to the present width: a stop would switch the motor off.
+// Widths to follow: the protocol has whole motions only, so the newest width is sent as a move when none runs
+// and the last one was at least 2 mm away; what ends a closing move early is grasped. In silence a move that
+// runs is replaced by one to the present width: a stop would switch the motor off.
 //
 // connect(), request() from any thread; state() from the loop.
 class EndEffectorConnection final : public EndEffector {

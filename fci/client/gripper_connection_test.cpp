@@ -144,10 +144,43 @@ TEST(GripperLink, FollowsTheNewestWidthWithWholeMotions) {
   until([&] { return link->state().moving; });
   until([&] { return !link->state().moving; });
   EXPECT_GT(next_state(*link).width, 0.01);
-  // Any other motion ends the following. Both fingers touch at 0: what is between is grasped.
+  // Any other motion ends the following.
   EXPECT_TRUE(wait(link->request(GripperMove{.width = 0.05, .speed = 0.2})).success);
   EXPECT_NE(wait(link->request(GripperFollow{.width = NAN})).reason.find("width"), std::string::npos);
   EXPECT_NEAR(next_state(*link).width, 0.05, 1e-3);
+}
+
+// A move alone would hold it with a force that is not known.
+TEST(GripperLink, WhatAClosingMoveEndsOnIsGraspedAndKeptUntilAWiderWidth) {
+  Scene scene = gripper_scene();
+  SceneObject box;
+  box.name = "box";
+  box.fixed = false;
+  box.mass = 0.2;
+  box.size = {0.03, 0.04, 0.04};
+  SceneObject table = box;
+  table.name = "table";
+  table.fixed = true;
+  table.size = {0.3, 0.3, 0.1};
+  const Pose X_WF = MujocoPlant(scene).world().X_WF(0);
+  box.X_WO = X_WF * Pose{rotation_from_rpy({0, 0, -M_PI / 4}), {0, 0, 0.1034}};
+  table.X_WO.position = box.X_WO.position - Vector3(0, 0, 0.02 + 0.05);
+  scene.objects = {table, box};
+  const Virtual world("127.1.60.8", scene);
+  const auto link = world.gripper();
+  const auto until = [&](double width, const auto& condition) {
+    const HostTime begun = host_now();
+    while (!condition() && host_now() - begun < std::chrono::seconds(20)) {
+      EXPECT_TRUE(link->request(GripperFollow{.width = width, .speed = 0.2, .silence = 1}).get().success);
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    EXPECT_TRUE(condition());
+  };
+  until(0.02, [&] { return link->state().grasped; });
+  EXPECT_NEAR(link->state().width, 0.04, 2e-3);
+  EXPECT_TRUE(wait(link->request(GripperFollow{})).success);
+  EXPECT_TRUE(next_state(*link).grasped);  // also while nothing is followed
+  until(0.06, [&] { return !link->state().grasped && link->state().width > 0.058; });
 }
 
 TEST(GripperLink, ImplausibleRequestsAreRefusedOnBothEnds) {

@@ -18,9 +18,9 @@
 
 #include "fci/client/end_effector.hpp"
 
-// A Robotiq 2F-85 or 2F-140, as in its instruction manual: Modbus RTU at 115200 baud, 8N1, slave 9. Three output
-// registers from 0x03E8 (activation, go; position 0 open to 255 closed; speed, force), three input registers from
-// 0x07D0 (activation, object; fault, echo of the position; position, current).
+// A Robotiq 2F-85 or 2F-140, as in its instruction manual: Modbus RTU at 115200 baud, 8N1, slave 9. Three
+// output registers from 0x03E8 (activation, go; position 0 open to 255 closed; speed, force), three input
+// registers from 0x07D0 (activation, object; fault, echo of the position; position, current).
 namespace multipanda::fci {
 namespace robotiq {
 namespace {
@@ -37,7 +37,7 @@ constexpr int kFull = 255;
 
 struct Model {
   const char* name;
-  double stroke;                            // [m]
+  double stroke;                              // [m]
   double slowest, fastest, weakest, firmest;  // [m/s], [N]
 };
 constexpr std::array<Model, 2> kModels{Model{"2f-85", 0.085, 0.02, 0.15, 20, 235},
@@ -55,7 +55,8 @@ void seal(Bytes& frame) {
 }
 
 unsigned char portion(double value, double least, double most) {
-  return static_cast<unsigned char>(std::lround(kFull * std::clamp((value - least) / (most - least), 0.0, 1.0)));
+  return static_cast<unsigned char>(
+      std::lround(kFull * std::clamp((value - least) / (most - least), 0.0, 1.0)));
 }
 
 class Robotiq final : public EndEffector {
@@ -72,7 +73,11 @@ class Robotiq final : public EndEffector {
   bool is_vacuum() const override { return false; }
   std::future<RequestAnswer> request(const GripperRequest& request) override;
   multipanda::GripperState state() const noexcept override {
-    return {.present = present_, .width = width_, .max_width = max_width_, .grasped = grasped_, .moving = moving_};
+    return {.present = present_,
+            .width = width_,
+            .max_width = max_width_,
+            .grasped = grasped_,
+            .moving = moving_};
   }
 
  private:
@@ -95,7 +100,9 @@ class Robotiq final : public EndEffector {
   void turn(const Status& status);
   void aim(double width, double speed, double force);
   void finish(bool success, std::string why = {});
-  double width_of(int position) const { return model_.stroke * std::clamp((closed_ - position) / (closed_ - open_), 0.0, 1.0); }
+  double width_of(int position) const {
+    return model_.stroke * std::clamp((closed_ - position) / (closed_ - open_), 0.0, 1.0);
+  }
 
   const std::string who_, port_;
   Model model_{};
@@ -110,7 +117,7 @@ class Robotiq final : public EndEffector {
   bool news_ = false;
   Phase phase_ = Phase::idle;
   Command command_, written_;
-  int turns_ = 0;                  // since the command was written
+  int turns_ = 0;                   // since the command was written
   double open_ = 3, closed_ = 230;  // positions at the ends, of usual fingers until homing has found them
   Status last_;
   GripperGrasp grasp_;
@@ -136,7 +143,9 @@ void Robotiq::connect() {
   disconnect("it is being reconnected");
   const auto fail = [&](const std::string& why) {
     disconnect(why);
-    throw std::runtime_error(who_ + ": " + why + "; look at its supply and cable, name its port (ls /dev/serial/by-id) and join its group (dialout)");
+    throw std::runtime_error(
+        who_ + ": " + why +
+        "; look at its supply and cable, name its port (ls /dev/serial/by-id) and join its group (dialout)");
   };
   file_ = ::open(port_.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
   termios line{};
@@ -145,7 +154,8 @@ void Robotiq::connect() {
   ::cfmakeraw(&line);
   ::cfsetspeed(&line, B115200);
   line.c_cflag |= CLOCAL | CREAD;
-  if (::tcsetattr(file_, TCSANOW, &line) != 0) return fail(std::string("its port cannot be set: ") + std::strerror(errno));
+  if (::tcsetattr(file_, TCSANOW, &line) != 0)
+    return fail(std::string("its port cannot be set: ") + std::strerror(errno));
   std::optional<Status> status;
   for (const HostTime end = after(kLost); !status && host_now() < end;) status = read();
   if (!status) return fail("it does not answer");
@@ -153,7 +163,8 @@ void Robotiq::connect() {
     const std::lock_guard lock(mutex_);
     last_ = *status;
     // As it is: what it holds stays held, and nothing moves.
-    const auto action = static_cast<unsigned char>((status->active ? kActivate : 0) | (status->goes ? kGo : 0));
+    const auto action =
+        static_cast<unsigned char>((status->active ? kActivate : 0) | (status->goes ? kGo : 0));
     command_ = written_ = {action, static_cast<unsigned char>(status->echo), 0, 0};
     phase_ = Phase::idle;
     width_ = width_of(status->position);
@@ -232,7 +243,8 @@ void Robotiq::run() {
 void Robotiq::turn(const Status& status) {
   last_ = status;
   width_ = width_of(status.position);
-  const bool is_command = written_ == command_ && turns_ > 1;  // the first status may be older than the command
+  const bool is_command =
+      written_ == command_ && turns_ > 1;  // the first status may be older than the command
   const bool settled = is_command && status.echo == command_.position && status.object != 0;
   const bool holds = status.goes && status.object == 2 && (phase_ != Phase::move);
   if (!holds) grasped_ = false;
@@ -245,7 +257,8 @@ void Robotiq::turn(const Status& status) {
   constexpr int kFirstFailure = 8;
   if (answer_ && is_command && phase_ > Phase::activate && status.fault >= kFirstFailure) {
     phase_ = Phase::idle;
-    return finish(false, "it reports fault " + std::to_string(status.fault) + ": see its manual, then home it");
+    return finish(false,
+                  "it reports fault " + std::to_string(status.fault) + ": see its manual, then home it");
   }
   switch (phase_) {
     case Phase::idle:
@@ -283,7 +296,8 @@ void Robotiq::turn(const Status& status) {
       return finish(status.object == 3, "the width was not reached: something is in its way");
     case Phase::grasp: {
       if (!settled) return;
-      const bool fits = grasp_.width - grasp_.tolerance_inner < width_ && width_ < grasp_.width + grasp_.tolerance_outer;
+      const bool fits =
+          grasp_.width - grasp_.tolerance_inner < width_ && width_ < grasp_.width + grasp_.tolerance_outer;
       grasped_ = fits;
       phase_ = Phase::idle;
       if (!fits) command_.action = kActivate;
@@ -338,7 +352,8 @@ std::future<RequestAnswer> Robotiq::request(const GripperRequest& request) {
   }
   const auto* move = std::get_if<GripperMove>(&request);
   const auto* grasp = std::get_if<GripperGrasp>(&request);
-  if (!homes && move == nullptr && grasp == nullptr) return refuse_request(who_ + " has fingers and no suction");
+  if (!homes && move == nullptr && grasp == nullptr)
+    return refuse_request(who_ + " has fingers and no suction");
   if (grasp != nullptr && grasped_)
     return refuse_request(who_ + " holds something already, and is left as it is");
   finish(false, "its motion was ended by another motion");

@@ -15,8 +15,8 @@
 #include "core/types/time.hpp"
 #include "fci/client/end_effector.hpp"
 
-// Against a gripper emulated from Robotiq's manual of the 2F-85 on a pseudo-terminal: Modbus RTU, slave 9. Nothing
-// here was tried on hardware.
+// Against a gripper emulated from Robotiq's manual of the 2F-85 on a pseudo-terminal: Modbus RTU, slave 9.
+// Nothing here was tried on hardware.
 namespace multipanda::fci::robotiq_test {
 namespace {
 
@@ -131,7 +131,8 @@ class Device {
     Bytes reply{9, frame[1]};
     if (is({9, 0x10, 0x03, 0xE8, 0, 3, 6})) {
       std::copy(frame.begin() + 7, frame.end(), out_.begin());
-      if ((out_[0] & 8u) != 0 && (targets_.empty() || targets_.back() != out_[3])) targets_.push_back(out_[3]);
+      if ((out_[0] & 8u) != 0 && (targets_.empty() || targets_.back() != out_[3]))
+        targets_.push_back(out_[3]);
       reply.insert(reply.end(), {0x03, 0xE8, 0, 3});
     } else if (is({9, 0x03, 0x07, 0xD0, 0, 3})) {
       const bool active = (out_[0] & 1u) != 0, done = active_s_ >= kActivation, goes = (out_[0] & 8u) != 0;
@@ -207,11 +208,12 @@ TEST(Robotiq, MovesNothingBeforeItIsHomedThenMovesAndGrasps) {
   EXPECT_FALSE(rig.ask(GripperGrasp{.width = 0.001, .speed = 1, .force = 127.5}).success);
   EXPECT_EQ(rig.device.out()[4], 255);
   EXPECT_EQ(rig.device.out()[5], 128);
-  EXPECT_FALSE(rig.device.goes());
+  EXPECT_TRUE(Rig::until([&] { return !rig.device.goes(); }));  // it lets go of what does not fit
   EXPECT_TRUE(rig.ask(GripperMove{.width = 0.06, .speed = 0.15}).success);
   EXPECT_TRUE(rig.ask(GripperGrasp{.width = 0.029, .speed = 0.15, .force = 40}).success);
   EXPECT_TRUE(rig.link->state().grasped);
-  EXPECT_NEAR(rig.link->state().width, 0.085 * (Device::kClosed - 150) / (Device::kClosed - Device::kOpen), 6e-4);
+  EXPECT_NEAR(rig.link->state().width, 0.085 * (Device::kClosed - 150) / (Device::kClosed - Device::kOpen),
+              6e-4);
   EXPECT_FALSE(rig.ask(GripperGrasp{.width = 0.029}).success);
   EXPECT_TRUE(rig.link->state().grasped);
   EXPECT_NE(rig.ask(VacuumOn{}).reason.find("no suction"), std::string::npos);

@@ -92,7 +92,6 @@ class Gripper(_Device):
         """
         self._ask("grasp", width_m=width_m, speed_m_per_s=speed_m_per_s, force_n=force_n, tolerance_m=tolerance_m)
 
-
     def follow(
         self,
         width_m: float,
@@ -115,7 +114,7 @@ class Gripper(_Device):
             False if the run has not answered earlier ones yet, and this one was dropped.
 
         Raises:
-            Refused: An earlier one was refused: the arm is stopped, has no hand, or another client's widths are followed.
+            Refused: An earlier one was: the arm is stopped, has no hand, or another client's widths are followed.
             ValueError: The width is not a finite number.
         """
         if not np.isfinite(width_m):

@@ -381,7 +381,8 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
       const bool suction =
           std::holds_alternative<VacuumOn>(*of_gripper) || std::holds_alternative<VacuumDrop>(*of_gripper);
       pending.ending = suction ? GripperRequest(VacuumStop{}) : GripperRequest(GripperStop{});
-      if (std::holds_alternative<GripperFollow>(*of_gripper)) pending.ending = GripperRequest(GripperFollow{});
+      if (std::holds_alternative<GripperFollow>(*of_gripper))
+        pending.ending = GripperRequest(GripperFollow{});
     }
     pending.answer = request_arm(*run_.modes, *run_.backend, target, std::move(*of_gripper));
   } else {
@@ -409,16 +410,18 @@ void RequestHandler::take_gripper(ArmIndex arm, const GripperRequest& request, c
   const auto silence_ns = static_cast<std::int64_t>(1e9 * follow->silence);
   *pending.begin_by = std::min(pending.begin_by->load(), pending.asked.ns + silence_ns);
   if (now.ns > *pending.begin_by)
-    throw RequestRefused(std::string(name_of(Verdict::timeout)),
-                         fmt::format("the width is {:.1f} s old, longer than 'silence_s', and is not followed",
-                                     seconds(now - pending.asked)));
+    throw RequestRefused(
+        std::string(name_of(Verdict::timeout)),
+        fmt::format("the width is {:.1f} s old, longer than 'silence_s', and is not followed",
+                    seconds(now - pending.asked)));
   if (run_.modes->stopped().contains(arm)) return;  // refused next
   following = {.client = pending.client, .until = HostTime{now.ns + silence_ns}};
 }
 
 void RequestHandler::end_following(const void* client) {
   for (ArmIndex arm = 0; arm < following_.size(); ++arm) {
-    const bool ends = client != nullptr ? following_[arm].client == client : run_.modes->stopped().contains(arm);
+    const bool ends =
+        client != nullptr ? following_[arm].client == client : run_.modes->stopped().contains(arm);
     if (following_[arm].client == nullptr || !ends) continue;
     following_[arm] = {};
     (void)run_.backend->request(arm, GripperRequest(GripperFollow{}));

@@ -846,7 +846,8 @@ class WidthsBackend final : public Backend {
   void write(ArmSet, std::span<const ArmCommand>) override {}
   std::future<RequestAnswer> request(ArmIndex, ArmRequest) override { return refuse_request("no"); }
   std::future<RequestAnswer> request(ArmIndex, GripperRequest request) override {
-    if (const auto* follow = std::get_if<GripperFollow>(&request)) widths.push_back(follow->width.value_or(-1));
+    if (const auto* follow = std::get_if<GripperFollow>(&request))
+      widths.push_back(follow->width.value_or(-1));
     return answer_now({.success = true, .reason = {}});
   }
   std::vector<double> widths;
@@ -871,7 +872,9 @@ TEST_F(RequestsTest, AGripperFollowsOneClientUntilItIsGoneOrItsArmIsStopped) {
       return refused.what();
     }
   };
-  const auto follow = [](double width) { return json{{"action", "follow"}, {"width_m", width}, {"silence_s", 1}}; };
+  const auto follow = [](double width) {
+    return json{{"action", "follow"}, {"width_m", width}, {"silence_s", 1}};
+  };
   EXPECT_EQ(send(follow(0.03), one), "");
   EXPECT_EQ(send(follow(0.02), one), "");
   EXPECT_THAT(send(follow(0.07), other), HasSubstr("another client"));

@@ -631,6 +631,56 @@ class Gripper(unittest.TestCase):
             time.sleep(0.5)
             self.assertTrue(arm.gripper.state.grasped)  # what an answered grasp holds stays held
 
+    def test_it_follows_a_stream_of_widths_and_stays_where_it_is_without_one(self):
+        with mp.run("grippers") as run:
+            hand = run.arms["left"].gripper
+            hand.move(0.07)
+            began = now = run.state().t_s
+            lags = []
+            while now < began + 4:  # a sine of 0.25 Hz between 60 and 80 mm, at about 30 Hz
+                width_m = 0.07 + 0.01 * math.sin(math.pi / 2 * (now - began))
+                self.assertTrue(hand.follow(width_m, 0.2))
+                time.sleep(1 / 30)
+                state = run.state()
+                lags.append(abs(state.arms["left"].gripper.width_m - width_m))
+                now = state.t_s
+            self.assertLess(np.median(lags), 4e-3)  # fingers at rest would be 7 mm away
+            with self.assertRaisesRegex(ValueError, "finite"):
+                hand.follow(math.nan)
+            until(lambda: hand.follow(0.5) and hand.state.width_m > 0.0795, "the end of the range")
+            silent = run.state().t_s
+            until(lambda: run.state().t_s > silent + 0.3, "silence")
+            with mp.connect(run.connection.path) as other:
+                second = other.arms["left"].gripper
+                second.follow(0.045, 0.01, silence_s=1)
+                hand.follow(0.08)
+
+                def refused():
+                    second.follow(0.045, 0.01, silence_s=1)
+                    hand.follow(0.08)
+
+                with self.assertRaisesRegex(mp.Refused, "another client"):
+                    until(refused, "the refusal")
+                start = hand.state.width_m
+                until(lambda: hand.state.width_m < start - 0.002, "the second client's width")
+            # It was closed: the fingers stay.
+            until(lambda: not hand.state.moving, "rest")
+            self.assertGreater(hand.state.width_m, 0.05)
+
+            def follows():
+                hand.follow(0.045, 0.01, silence_s=1)
+                return hand.state.moving
+
+            until(follows, "following")
+            run.stop()
+            until(lambda: not hand.state.moving, "rest")
+            self.assertGreater(hand.state.width_m, 0.05)
+            with self.assertRaisesRegex(mp.Refused, "stopped"):
+                until(follows, "the refusal")
+            run.resume()
+            until(follows, "following again")
+            hand.hold()
+
     def test_a_stop_ends_a_motion_and_none_begins_until_the_arm_is_resumed(self):
         with mp.run("grippers") as run:
             arm = run.arms["left"]

@@ -243,8 +243,8 @@ class ArmsRobot(Connected):
             self._streams[arm] = law.stream(name)
 
     def hold(self) -> None:
-        """Holds the arms that this robot moves, all at the same cycle, and their fingers where they are. Never raises. The
-        next action begins again."""
+        """Holds the arms that this robot moves, all at the same cycle, and their fingers. Never raises. The next action
+        begins again."""
         self._hold_arms()
         for fingers in self._fingers.values():
             fingers.stop()
