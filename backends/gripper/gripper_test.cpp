@@ -264,6 +264,7 @@ TEST(Fingers, FollowAStreamOfWidths) {
   };
   int best = 0;
   for (int lag = 0; lag < 200; ++lag) best = error(lag) < error(best) ? lag : best;
+  RecordProperty("lag_ms", best);
   EXPECT_GT(best, kPeriod / 2 - 5);
   EXPECT_LT(best, 60);
   EXPECT_LT(error(best), 1e-3);
