@@ -244,11 +244,11 @@ TEST(Fingers, FollowAStreamOfWidths) {
   EXPECT_TRUE(rig.run(PlaceObject{"box", pose(0, 0, -1)}).success);
   EXPECT_TRUE(rig.run(GripperMove{.width = 0.06, .speed = 0.2}).success);
   constexpr int kPeriod = 33, kCount = 90;  // [ms]
-  const auto wanted = [](double ms) { return 0.04 + 0.02 * std::cos(M_PI * 1e-3 * ms); };
+  const auto desired = [](double ms) { return 0.04 + 0.02 * std::cos(M_PI * 1e-3 * ms); };
   std::vector<double> widths;
   std::vector<std::future<RequestAnswer>> answers;
   for (int k = 0; k < kCount; ++k) {
-    answers.push_back(rig.ask(GripperFollow{.width = wanted(k * kPeriod), .speed = 0.2}));
+    answers.push_back(rig.ask(GripperFollow{.width = desired(k * kPeriod), .speed = 0.2}));
     for (int ms = 0; ms < kPeriod; ++ms) {
       rig.step();
       widths.push_back(rig.gripper().width);
@@ -259,7 +259,7 @@ TEST(Fingers, FollowAStreamOfWidths) {
   const auto error = [&](int lag) {
     double sum = 0;
     for (std::size_t i = 500; i < widths.size(); ++i)
-      sum += std::pow(widths[i] - wanted(static_cast<double>(i) - lag), 2);
+      sum += std::pow(widths[i] - desired(static_cast<double>(i) - lag), 2);
     return std::sqrt(sum / static_cast<double>(widths.size() - 500));
   };
   int best = 0;

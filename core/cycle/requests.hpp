@@ -172,8 +172,8 @@ struct GripperGrasp {
 };
 // Answered at once. The newest width counts, approached with `speed`; what is in between is pressed with
 // `force` and stays held until a width above its own comes. Widths are skipped while another motion runs.
-// Without the next one for `silence`, or without a width, the fingers stay where they are, and hold what they
-// hold.
+// Without the next one for `silence`, or without a width, the fingers stay where they are, and what they
+// hold stays held.
 struct GripperFollow {
   static constexpr double kMostSilence = 1;  // [s]
   std::optional<double> width;               // [m]

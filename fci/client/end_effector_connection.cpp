@@ -146,12 +146,15 @@ std::string EndEffectorConnection::begin(const GripperRequest& request, Request 
 std::future<RequestAnswer> EndEffectorConnection::request(const GripperRequest& request) {
   const std::lock_guard lock(mutex_);
   if (!connected_) return refuse_request(who_ + " is not connected: reconnect the arm");
-  if (const auto* wanted = std::get_if<GripperFollow>(&request); wanted != nullptr && !is_vacuum()) {
+  if (const auto* desired = std::get_if<GripperFollow>(&request); desired != nullptr && !is_vacuum()) {
     if (auto why = check(request); !why.empty()) return refuse_request(std::move(why));
-    if (!following_ && !wanted->width) return answer_now({.success = true, .reason = {}});
-    if (!following_) sent_width_ = width_;
-    if (wanted->width) following_ = *wanted;
-    follow_until_ = after(wanted->width ? wanted->silence : 0);
+    if (!following_ && !desired->width) return answer_now({.success = true, .reason = {}});
+    if (!following_) {
+      sent_width_ = width_;
+      blocked_ = false;
+    }
+    if (desired->width) following_ = *desired;
+    follow_until_ = after(desired->width ? desired->silence : 0);
     const std::uint64_t one = 1;
     (void)!::write(wake_, &one, sizeof one);
     return answer_now({.success = true, .reason = {}});
@@ -188,7 +191,7 @@ void EndEffectorConnection::follow() {
                                                .force = following_->force,
                                                .tolerance_inner = 1,
                                                .tolerance_outer = 1},
-                                  {.follows = true});
+                                  {});
     if (!why.empty()) following_.reset();
   } else if (std::abs(to - sent_width_) >= kSmallStep) {
     move_to(to);

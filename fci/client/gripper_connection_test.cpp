@@ -111,8 +111,8 @@ TEST(GripperLink, FollowsTheNewestWidthWithWholeMotions) {
   const auto link = world.gripper();
   EXPECT_GT(next_state(*link).width, 0.075);
   const auto follow = [&](std::optional<double> width, double speed = 0.2) {
-    const GripperFollow wanted{.width = width, .speed = speed, .silence = 1};
-    auto answer = link->request(wanted);
+    const GripperFollow desired{.width = width, .speed = speed, .silence = 1};
+    auto answer = link->request(desired);
     EXPECT_EQ(answer.wait_for(std::chrono::seconds(0)), std::future_status::ready);  // never waits
     EXPECT_TRUE(answer.get().success);
   };

@@ -215,16 +215,16 @@ void Robotiq::run() {
   HostTime heard = host_now();
   while (!ending_) {
     std::unique_lock lock(mutex_);
-    const Command wanted = command_;
-    const bool changed = wanted != written_;
+    const Command desired = command_;
+    const bool changed = desired != written_;
     news_ = false;
     lock.unlock();
-    const bool wrote = changed && write(wanted);
+    const bool wrote = changed && write(desired);
     const auto status = read();
     if (status) heard = host_now();
     lock.lock();
     if (wrote) {
-      written_ = wanted;
+      written_ = desired;
       turns_ = 0;
     }
     if (status) {
