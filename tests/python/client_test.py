@@ -652,17 +652,15 @@ class Gripper(unittest.TestCase):
             until(lambda: run.state().t_s > silent + 0.3, "silence")
             with mp.connect(run.connection.path) as other:
                 second = other.arms["left"].gripper
-                second.follow(0.045, 0.01, silence_s=1)
-                hand.follow(0.08)
 
-                def refused():
+                def closing(then=lambda: None):
                     second.follow(0.045, 0.01, silence_s=1)
-                    hand.follow(0.08)
+                    then()
+                    return hand.state.width_m < 0.078
 
+                until(closing, "the second client's width")
                 with self.assertRaisesRegex(mp.Refused, "another client"):
-                    until(refused, "the refusal")
-                start = hand.state.width_m
-                until(lambda: hand.state.width_m < start - 0.002, "the second client's width")
+                    until(lambda: closing(lambda: hand.follow(0.08)) and False, "the refusal")
             # It was closed: the fingers stay.
             until(lambda: not hand.state.moving, "rest")
             self.assertGreater(hand.state.width_m, 0.05)
