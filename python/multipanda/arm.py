@@ -127,7 +127,7 @@ class Gripper(_Device):
         if len(self._followed) >= _MOST_FOLLOWED:
             return False
         given = {"width_m": float(width_m), "speed_m_per_s": speed_m_per_s, "force_n": force_n, "silence_s": silence_s}
-        request = {"do": self._kind, "arm": self._arm.name, "action": "follow"}
+        request: Json = {"do": self._kind, "arm": self._arm.name, "action": "follow"}
         request |= {key: value for key, value in given.items() if value is not None}
         patience_s = _FOLLOWED_S if silence_s is None else silence_s
         self._followed.append(self._arm.client.connection.post(request, patience_s))
