@@ -331,8 +331,7 @@ void Session::run_relay() {
 }
 
 // For an adapter and for readers of the shared records the relay sleeps until the next record is expected and
-// then polls often; without, it takes many records at once, because each time it wakes costs more than a
-// record.
+// then polls often; without, it takes many records at once: to wake costs more than a record.
 void Session::wait_for_records() {
   constexpr auto kLook = std::chrono::microseconds(100);
   const bool prompt = adapter_ || (live_ && live_->record_readers() > 0);
