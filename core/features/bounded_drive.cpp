@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kRise = 0.1;       // [s]
 constexpr double kHandShare = 0.9;  // of hand_speed, at which tau ends: torques act some periods late
+constexpr double kFastFrom = 0.6;   // of hand_speed, on any way: from here on tau falls earlier
 constexpr double kJointSpeed = 1;   // of all joints together [rad/s], [m/s]
 constexpr double kSteepest = 200;   // [1/s]
 
@@ -72,7 +73,10 @@ JointVector BoundedDrive::limit(const ControlContext& context, const OwnedArm& a
   share_ = std::min(drawn, before + context.dt / kRise);
   if (drawn > share_) most *= share_ / drawn;
   const double beta = std::max(0.0, tau.dot(arm.dq()) / mobility);
-  return most * std::max(0.0, 1 - std::min(rate, kSteepest / most) * beta) * tau;
+  const double speed = arm.terms->V_WE().linear().norm() / contact.hand_speed;
+  const double fast = std::clamp((speed - kFastFrom) / (kHandShare - kFastFrom), 0.0, 1.0);
+  const double gone = std::min(1.0, std::min(rate, kSteepest / most) * beta);
+  return most * (1 - gone) * (1 - fast * gone) * tau;
 }
 
 }  // namespace multipanda
