@@ -207,5 +207,73 @@ TEST(Gains, DefaultsLoseNoArm) {
   }
 }
 
+// While a goal moves an arm, its stiffness falls to nothing and rises again, every 300 ms or so: the
+// set-point goes on, and the spring that then comes draws the hand no faster than the hand's bound.
+TEST(Gains, SwitchedInMotionThrowNoHand) {
+  static const Registry registry = Registry::with_builtins();
+  for (const std::string type : {"cartesian_impedance", "joint_impedance"}) {
+    for (const int every : {150, 300, 700}) {
+      for (const bool realistic : {false, true}) {
+        Scene scene;
+        scene.plant = realistic ? PlantFidelity::realistic() : PlantFidelity::ideal();
+        scene.arms = {arm_of(0, "fr3", true, SceneArm().rotor_hidden)};
+        scene.controllets = {{.name = "law", .type = type, .arms = {0}, .contact = {}}};
+        scene.active = {"law"};
+        MujocoBackend backend(scene, {.pace = Pace::unpaced});
+        ControlCycle cycle(build_cycle_config(scene), registry, backend);
+        MultimodeController& modes = cycle.modes();
+        modes.activate_at_start(start_set(scene, modes));
+        Instance& law = modes.instance(modes.find("law"));
+        Reference& input = law.inputs()[0];
+        ModelTerms terms(build_arm_model(scene.arms[0]));
+        backend.start();
+        JointVector q = joint_constant(7, 0), dq = q;
+        double fastest = 0, moved = 0, share_of_limit = 0;
+        Vector3 first = Vector3::Zero();
+        for (int k = 0; k < 12000; ++k) {
+          if (k % every == 0) {
+            const double share = k / every % 2 == 0 ? 1 : 0;
+            for (std::size_t i = 0; i < law.parameter_count(); ++i) {
+              const ParameterSpec& spec = law.parameter_spec(i);
+              if (spec.unit.rfind("N", 0) != 0 || spec.name.find("stiffness") == spec.name.npos) continue;
+              const std::vector<double> values(law.parameter_size(i), share * spec.max);
+              law.set_parameter(i, values, true);
+            }
+          }
+          if (k % 2000 == 200) {  // there and back
+            const bool there = k / 2000 % 2 == 0;
+            if (input.spec().quantity == Quantity::joints) {
+              Target target;
+              target.size = 7;
+              for (Eigen::Index i = 0; i < 7; ++i)
+                target.values[static_cast<std::size_t>(i)] =
+                    scene.arms[0].q_start[i] + (there ? 0.4 : 0) * (i % 2 == 0 ? 1 : -1);
+              input.post(target);
+            } else {
+              Pose X = input.pose();
+              X.position += (there ? 1 : -1) * Vector3(0.15, 0.2, -0.15);
+              input.post(pose_target(X, 0));
+            }
+          }
+          cycle.step(backend.wait());
+          backend.world().joints(0, q, dq);
+          terms.update(q, dq);
+          share_of_limit = std::max(
+              share_of_limit, dq.cwiseQuotient(scene.arms[0].safety.joints.dq_max).lpNorm<Eigen::Infinity>());
+          if (k == 0) first = terms.X_WE().position;
+          fastest = std::max(fastest, terms.V_WE().linear().norm());
+          moved = std::max(moved, (terms.X_WE().position - first).norm());
+        }
+        std::printf("%s, %s, every %d ms: hand %.3f m/s, %.2f m, joints %.2f\n", type.c_str(),
+                    scene.plant.name.c_str(), every, fastest, moved, share_of_limit);
+        EXPECT_EQ(modes.owner(0), modes.find("law")) << type << ", every " << every << " ms";
+        EXPECT_LT(share_of_limit, 0.8) << type << ", every " << every << " ms";
+        EXPECT_LT(fastest, 0.25) << type << ", every " << every << " ms";
+        EXPECT_GT(moved, 0.05) << type << ", every " << every << " ms";
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace multipanda::gains_test

@@ -117,7 +117,23 @@ Matrix6 damped_inertia(ModelTerms& terms) {
   return task_with_motors(terms).Lambda;
 }
 
-TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms) {
+ContactBounds raised_bounds(const ImpedanceGains& asked, const Matrix3& R_W_d, const Vector6& error,
+                            ImpedanceMemory& memory) {
+  const ImpedanceGains before = memory.gains.value_or(asked);
+  const auto same = [&] {
+    return before.translational_stiffness == asked.translational_stiffness &&
+           before.rotational_stiffness == asked.rotational_stiffness && before.axes == asked.axes;
+  };
+  if (!memory.raised.none() || !same()) {
+    memory.raised.update(spring_energy(before.stiffness(R_W_d), error),
+                         spring_energy(asked.stiffness(R_W_d), error));
+  }
+  memory.gains = asked;
+  return memory.raised.bounds(asked.contact);
+}
+
+TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms,
+                          double dt, ImpedanceMemory& memory) {
   ImpedanceGains gains = asked;
   const double stiffness_share = gains.soften(requested.X_W_d.rotation, terms);
   const CartesianTarget target = gains.led(requested);
@@ -127,6 +143,7 @@ TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& re
   TaskForce force;
   force.stiffness_share = stiffness_share;
   force.error = pose_error(target.X_W_d, terms.X_WE());
+  gains.contact = raised_bounds(asked, target.X_W_d.rotation, force.error, memory);
   force.spring = spring_wrench(K, force.error);
   force.total = force.spring;
   if (gains.damping_of == DampingOf::velocity) {
@@ -134,7 +151,13 @@ TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& re
   } else {
     force.total.noalias() += D * (target.V_d.vector - V);
   }
-  if (gains.acceleration_feedforward) force.total.noalias() += terms.task().Lambda * target.A_d.vector;
+  if (gains.acceleration_feedforward) {
+    const Matrix6& Lambda = terms.task().Lambda;
+    const Vector6 change = Lambda * (target.A_d.vector - memory.A_d);
+    feed(target.A_d.vector, rate_share(terms.J_V_WE().transpose().lazyProduct(change), terms.model(), dt),
+         memory.A_d);
+    force.total.noalias() += Lambda * memory.A_d;
+  }
   if (gains.coriolis_feedforward) force.total += terms.task_coriolis(target.V_d.vector);
   force.damping = D * V;
   if (!std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) return force;
@@ -237,9 +260,9 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
 
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,
                                   const CartesianTarget& target, OwnedArm& arm, const JointVector& q_N,
-                                  TaskForce& force) {
+                                  double dt, ImpedanceMemory& memory, TaskForce& force) {
   ModelTerms& terms = *arm.terms;
-  force = impedance_force(gains, target, terms);
+  force = impedance_force(gains, target, terms, dt, memory);
   *arm.tau = terms.c() + null_space_torque(null_space, arm, q_N);
   *arm.tau += terms.J_V_WE().transpose().lazyProduct(force.total);
   return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;

@@ -1,9 +1,11 @@
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "core/controllets/controllet.hpp"
 #include "core/controllets/damping_design.hpp"
+#include "core/controllets/law_memory.hpp"
 #include "core/controllets/task_spring.hpp"
 
 // Cartesian impedance of one arm, shared by all Cartesian controllets. Loop thread, no allocation.
@@ -94,9 +96,23 @@ struct TaskForce {
   }
 };
 
+// Of one hand's impedance; a new one for each start.
+struct ImpedanceMemory {
+  Vector6 A_d = Vector6::Zero();  // that is fed forward
+  std::optional<ImpedanceGains> gains;
+  RaisedSpring raised;
+};
+
+// The bounds for contact of a spring whose stiffnesses may have been raised; both at the orientation R_W_d of
+// now, since stiffnesses that turn with a set-point are not raised. `asked`: before soften().
+ContactBounds raised_bounds(const ImpedanceGains& asked, const Matrix3& R_W_d, const Vector6& error,
+                            ImpedanceMemory& memory);
+
 // K_c x~ + D_c (V_d - V) + Lambda A_d [+ C_c V_d]; with DampingOf::velocity -D_c V. `asked` is limited for
-// stability (damping_design.hpp).
-TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms);
+// stability (damping_design.hpp), Lambda A_d in its rate, a spring whose stiffness was raised in its speed
+// (law_memory.hpp).
+TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms,
+                          double dt, ImpedanceMemory& memory);
 
 // tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M) or given. With N^T, the damping is
 // dissipative for any projector; -D_N dq inside N is not, unless N is symmetric and D_N the same for all
@@ -111,7 +127,7 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
 // The complete law: tau = J^T F + tau_null + C dq. Returns fault if the torque is not finite.
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,
                                   const CartesianTarget& target, OwnedArm& arm, const JointVector& q_N,
-                                  TaskForce& force);
+                                  double dt, ImpedanceMemory& memory, TaskForce& force);
 
 // --- descriptor parts shared by Cartesian controllets ---
 enum CartesianParameter : std::size_t {

@@ -72,6 +72,17 @@ JointMatrix damping_of(const JointGains& gains, const JointMatrix& K, const Join
   return D;
 }
 
+// The bounds for contact of a spring whose stiffness may have been raised.
+ContactBounds raised(const JointVector& stiffness, const JointVector& error, const ContactBounds& contact,
+                     JointMemory& memory) {
+  const auto energy = [&](const JointVector& k) { return 0.5 * k.dot(error.cwiseAbs2()); };
+  if (memory.stiffness.size() == 0) memory.stiffness = stiffness;
+  if (!memory.raised.none() || memory.stiffness != stiffness)
+    memory.raised.update(energy(memory.stiffness), energy(stiffness));
+  memory.stiffness = stiffness;
+  return memory.raised.bounds(contact);
+}
+
 }  // namespace
 
 Elbow::Elbow(ModelTerms& terms) {
@@ -117,7 +128,8 @@ ParameterSpec joint_damping_ratio_parameter() {
 }
 
 LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
-                              const ContactBounds& contact, OwnedArm& arm, JointPull& pull) {
+                              const ContactBounds& contact, OwnedArm& arm, double dt, JointMemory& memory,
+                              JointPull& pull) {
   const JointMatrix& M = arm.terms->M();
   const JointVector error = target.q_d - arm.q();
   JointMatrix K = gains.stiffness.asDiagonal();
@@ -131,9 +143,16 @@ LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target
   const JointVector damping = D.lazyProduct(dq);
   JointVector tau = spring + arm.terms->c();
   tau += D.lazyProduct(velocity_error);
-  if (gains.acceleration_feedforward) tau += M.lazyProduct(JointVector(led.cwiseProduct(target.ddq_d)));
+  if (gains.acceleration_feedforward) {
+    if (memory.ddq_d.size() == 0) memory.ddq_d = JointVector::Zero(error.size());
+    const JointVector asked = led.cwiseProduct(target.ddq_d);
+    const JointVector change = M.lazyProduct(JointVector(asked - memory.ddq_d));
+    feed(asked, rate_share(change, arm.model(), dt), memory.ddq_d);
+    tau += M.lazyProduct(memory.ddq_d);
+  }
+  const ContactBounds bounds = raised(gains.stiffness, error, contact, memory);
   if (gains.elbow != nullptr || std::isfinite(contact.spring_force + contact.spring_moment))
-    bound(contact, gains.elbow, arm, spring, damping, tau, pull);
+    bound(bounds, gains.elbow, arm, spring, damping, tau, pull);
   if (!tau.allFinite()) return LawResult::fault;
   *arm.tau = tau;
   return LawResult::ok;

@@ -2,6 +2,7 @@
 
 #include "core/controllets/controllet.hpp"
 #include "core/controllets/damping_design.hpp"
+#include "core/controllets/law_memory.hpp"
 
 namespace multipanda {
 
@@ -49,6 +50,13 @@ struct JointTarget {
   JointVector q_d, dq_d, ddq_d;  // (n x 1)
 };
 
+// Of one arm's law; a new one for each start.
+struct JointMemory {
+  JointVector ddq_d;      // that is fed forward [rad/s^2] (n x 1)
+  JointVector stiffness;  // of the last tick (n x 1)
+  RaisedSpring raised;
+};
+
 ParameterSpec joint_stiffness_parameter();
 ParameterSpec joint_damping_ratio_parameter();
 
@@ -65,8 +73,10 @@ struct JointPull {
 // tau = K (q_d - q) + D (dq_d - dq) + C dq [+ M ddq_d], the pull within the bounds for contact, at the hand
 // and at every prismatic joint; `dq` is the arm's velocity on which D acts (n x 1). With DampingOf::velocity
 // -D dq instead of D (dq_d - dq). K and D are limited for stability (damping_design.hpp); joints without
-// stiffness are braked and follow no set-point. The result is in arm.tau; fault if it is not finite.
+// stiffness are braked and follow no set-point. M ddq_d is limited in its rate, a spring whose stiffness was
+// raised in its speed (law_memory.hpp). The result is in arm.tau; fault if it is not finite.
 LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
-                              const ContactBounds& contact, OwnedArm& arm, JointPull& pull);
+                              const ContactBounds& contact, OwnedArm& arm, double dt, JointMemory& memory,
+                              JointPull& pull);
 
 }  // namespace multipanda

@@ -26,6 +26,7 @@ class PoseFollower final : public Controllet {
   LawResult start(ControlContext& context) override {
     OwnedArm& arm = context.arms[0];
     q_N_ = arm.q();
+    memory_ = {};
     jumps_.start(context.observed[0]);
     clutch_.start();
     led_.start(context.observed[0], arm.terms->X_WE());
@@ -48,8 +49,9 @@ class PoseFollower final : public Controllet {
       led_.place(follows_.X());
     }
     TaskForce force;
-    const LawResult result = cartesian_impedance_law(gains, null_space_gains(parameters, context.contact),
-                                                     follows_.target(), arm, q_N_, force);
+    const LawResult result =
+        cartesian_impedance_law(gains, null_space_gains(parameters, context.contact), follows_.target(), arm,
+                                q_N_, context.dt, memory_, force);
     follows_.resist(force.pull, force.bounded.force_share, force.bounded.moment_share, context.dt);
     show(force, context.outputs);
     const Vector3 lag = led_.X().position - follows_.X().position;
@@ -93,6 +95,7 @@ class PoseFollower final : public Controllet {
   JumpDetector jumps_;
   Clutch clutch_;
   JointVector q_N_;
+  ImpedanceMemory memory_;
   LedPose led_;
   FollowingPose follows_;
 };

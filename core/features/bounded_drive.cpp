@@ -9,9 +9,11 @@
 namespace multipanda {
 namespace {
 
-constexpr double kRise = 0.1;      // [s]
-constexpr double kJointSpeed = 1;  // of all joints together [rad/s], [m/s]
-constexpr double kSteepest = 200;  // [1/s]
+constexpr double kRise = 0.1;       // [s]
+constexpr double kHandShare = 0.9;  // of hand_speed, at which tau ends: torques act some periods late
+constexpr double kFastFrom = 0.6;   // of hand_speed, on any way: from here on tau falls earlier
+constexpr double kJointSpeed = 1;   // of all joints together [rad/s], [m/s]
+constexpr double kSteepest = 200;   // [1/s]
 
 // The share of a pull that is allowed: together with the pulls of other features along it up to `most`, plus
 // as much as they and the controllet, `rest`, press against it.
@@ -54,7 +56,8 @@ JointVector BoundedDrive::limit(const ControlContext& context, const OwnedArm& a
   const bool known = law != nullptr && law->size() == tau.size();
   const Vector6 pull = held(tau), others = held(*arm.tau), rest = known ? held(*law) + others : others;
   const double hand = Vector3(arm.terms->J_V_WE().topRows<3>().lazyProduct(ddq)).norm();
-  const double rate = std::max(hand / contact.hand_speed, ddq.norm() / kJointSpeed);  // to those speeds [1/s]
+  const double rate =
+      std::max(hand / (kHandShare * contact.hand_speed), ddq.norm() / kJointSpeed);  // to those speeds [1/s]
   const double light = std::min(1.0, kSteepest / rate);
   double most =
       std::min(allowed_share(contact.spring_force, pull.head<3>(), others.head<3>(), rest.head<3>(), light),
@@ -70,7 +73,10 @@ JointVector BoundedDrive::limit(const ControlContext& context, const OwnedArm& a
   share_ = std::min(drawn, before + context.dt / kRise);
   if (drawn > share_) most *= share_ / drawn;
   const double beta = std::max(0.0, tau.dot(arm.dq()) / mobility);
-  return most * std::max(0.0, 1 - std::min(rate, kSteepest / most) * beta) * tau;
+  const double speed = arm.terms->V_WE().linear().norm() / contact.hand_speed;
+  const double fast = std::clamp((speed - kFastFrom) / (kHandShare - kFastFrom), 0.0, 1.0);
+  const double gone = std::min(1.0, std::min(rate, kSteepest / most) * beta);
+  return most * (1 - gone) * (1 - fast * gone) * tau;
 }
 
 }  // namespace multipanda

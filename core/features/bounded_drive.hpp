@@ -14,9 +14,10 @@ namespace multipanda {
 //   - It grows by the bounds within 0.1 s at most: a step would meet the limit of torque rates, and still act
 //     when it should have ended.
 //   - By itself tau moves the arm along M^-1 tau; the part of dq along that, in the metric of M, is
-//     beta M^-1 tau. tau falls with beta > 0, to nothing where beta M^-1 tau has the hand at hand_speed or
-//     the joints at 1 rad/s, but no steeper than damping of 200 1/s times the inertia that tau moves, since
-//     it acts some periods late.
+//     beta M^-1 tau. tau falls with beta > 0, to nothing where beta M^-1 tau has the hand at 0.9 hand_speed
+//     or the joints at 1 rad/s, but no steeper than damping of 200 1/s times the inertia that tau moves,
+//     since it acts some periods late; up to twice as steep while the hand is nearly that fast on any other
+//     way.
 // So it gives no more energy than the potential loses, and takes none of the damping that a feature adds to
 // it. Unchanged where a scene lifts the bounds for contact. Loop thread, no allocation.
 class BoundedDrive {
