@@ -7,7 +7,10 @@ python train.py data/lift policy.npz
 import argparse
 import io
 import json
+import os
 import pathlib
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads on such small matrices would wait for each other
 
 import numpy as np
 

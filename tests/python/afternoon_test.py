@@ -31,7 +31,6 @@ import numpy as np
 from harness import FOLDER, PATIENCE, ROOT, Silent, until
 from leader_test import A, B, calibration, event, mounted, pose
 from lerobot_environment import export, python_with_arrow
-from multipanda.picture_log import read_pictures
 from ssh_server import MISSING, Sshd
 
 if MISSING:
@@ -61,13 +60,11 @@ class Person:
         self.start = {arm: run.arms[arm].state.q_rad for arm in ARMS}
         self.hands = {arm: self.models[arm].pose(self.start[arm]) for arm in ARMS}
         self.at = dict(self.start)
-        self.turned = {arm: [] for arm in ARMS}  # (time [ns], joint angles)
         self.set()
 
     def set(self):
         for arm in ARMS:
             pose(self.leaders[arm], self.at[arm])
-            self.turned[arm].append((time.monotonic_ns(), self.at[arm]))
 
     def angles(self, arm, x_m, y_m, away_m, z_m):
         """Joints of the leader with the pad beside a place."""
@@ -106,32 +103,6 @@ class Person:
         self.move(self.pads(x_m, y_m, FAR_M, LOW_M), 1)
         self.move(self.start, 0.8)
         return lifted
-
-
-def lags_s(turned, moved, window_s=2.0):
-    """How far motions are behind those of their leaders: the shift with the least squares, for each window with motion.
-
-    Both are (times [s], angles of all joints).
-    """
-    found, shifts = [], np.arange(0, 0.6, 0.002)
-    for begin in np.arange(turned[0][0], turned[0][-1] - window_s, window_s):
-        led, then = (
-            slice(*np.searchsorted(t, [begin, begin + window_s + by])) for t, by in ((turned[0], 0.0), (moved[0], 0.6))
-        )
-        if led.stop - led.start < 10 or then.stop - then.start < 10:
-            continue
-        k = int(np.argmax(np.ptp(turned[1][led], axis=0)))
-        if np.ptp(turned[1][led, k]) > 0.05:
-            errors = [
-                np.var(np.interp(turned[0][led] + shift, moved[0][then], moved[1][then, k]) - turned[1][led, k])
-                for shift in shifts
-            ]
-            found.append(shifts[np.argmin(errors)])
-    return np.array(found)
-
-
-def spread(what, values):
-    print(f"{what}: median {1e3 * np.median(values):.0f} ms, p99 {1e3 * np.quantile(values, 0.99):.0f} ms", flush=True)
 
 
 class Afternoon(unittest.TestCase):
@@ -199,33 +170,18 @@ class Afternoon(unittest.TestCase):
                 program.wait(PATIENCE)
                 reader.join()
                 print("".join(said[-4:]), flush=True)
-        return person, done
-
-    def latencies(self, run, person, offset_ns):
-        log = mp.read_log(run.log)
-        for arm in ARMS:
-            times, angles = zip(*person.turned[arm])
-            turned = 1e-9 * (np.array(times) - offset_ns), np.array(angles)
-            for what, name in (("set-point", f"{arm}_joint/joints/value"), ("arm", f"{arm}/state/q")):
-                moved = log.t(name), log[name]
-                spread(f"from the {arm} leader to its {what}", lags_s(turned, moved))
-        pictures = [each for shots in read_pictures(run.folder / "pictures.mcap").values() for each in shots]
-        spread("from a picture to the log", [each.age_s for each in pictures])
-        spread("pairing error", [each.error_s for each in pictures])
+        return done
 
     def recorded(self):
         """The folders of logs with enough episodes."""
         folders, missing = [], EPISODES
         for _ in range(20):
             with mp.run(SCENE, record=self.folder / f"runs{len(folders)}") as run:
-                newest = run.record()
-                person, done = self.record(run, missing)
+                done = self.record(run, missing)
             if done:
                 folders.append(run.log.parent)
                 missing -= done
                 print(f"{missing} demonstrations are missing", flush=True)
-                if FULL:
-                    self.latencies(run, person, newest.start_ns - round(1e9 * newest.t_s))
             if not missing:
                 return folders
         raise AssertionError(f"{missing} demonstrations are missing: this computer is too busy to lead arms")
