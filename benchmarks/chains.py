@@ -26,7 +26,7 @@ from ssh_server import Sshd
 
 SCENE = ROOT / "examples" / "afternoon" / "scene.yaml"
 STEP_RAD, MOVED_RAD = 0.01, 1e-4  # of a joint; of its set-point that has begun to follow
-SWING_RAD, SWING_HZ, SWING_S = 0.08, 0.5, 20
+SWING_RAD, SWING_HZ, LONGEST_S = 0.08, 0.5, 0.4  # of a leader that swings; the longest lag that can be found
 
 
 def spread(what, seconds):
@@ -43,36 +43,31 @@ def until_it_moves(run, step, rounds, random):
             begun = next(records)["left_joint/joints"][0]
             sent_ns = step(k)
             moved = next(r for r in records if abs(r["left_joint/joints"][0] - begun) > MOVED_RAD)
-            found.append(1e-9 * (moved.start_ns + moved.total_ns - sent_ns))
+            found.append(1e-9 * (moved.start_ns + int(moved["total_ns"][0]) - sent_ns))
     return np.array(found)
 
 
 def lag_s(turned, moved):
     """The shift of a motion behind its leader's with the least squares. Both: (times [s], angles [rad])."""
-    shifts = np.arange(0, 0.6, 0.001)
+    shifts = np.arange(0, LONGEST_S, 0.001)
     inside = (turned[0] > moved[0][0]) & (turned[0] < moved[0][-1] - shifts[-1])
     times, angles = turned[0][inside], turned[1][inside]
     return shifts[np.argmin([np.var(np.interp(times + shift, *moved) - angles) for shift in shifts])]
 
 
-def swing(run, lead, start):
+def swing(run, lead, start, periods):
     """How far set-point and arm are behind a leader that swings, for each period [s]."""
-    turned, rows = [], []
-    with run.records() as records:
-        begin = time.monotonic()
-        while (now := time.monotonic() - begin) < SWING_S:
-            angle = SWING_RAD * np.sin(2 * np.pi * SWING_HZ * now)
+    lags, begin = [], time.monotonic()
+    for _ in range(periods):
+        turned, end = [], time.monotonic() + 1 / SWING_HZ + LONGEST_S
+        while (now := time.monotonic()) < end:
+            angle = SWING_RAD * np.sin(2 * np.pi * SWING_HZ * (now - begin))
             lead(start + np.eye(7)[0] * angle)
             turned.append((1e-9 * time.monotonic_ns(), start[0] + angle))
-            while records.waiting():
-                r = next(records)
-                rows.append((1e-9 * r.start_ns, r["left_joint/joints"][0], r["left/q_rad"][0]))
             time.sleep(0.004)
-    turned, rows = np.array(turned).T, np.array(rows).T
-    lags = []
-    for begin in np.arange(turned[0][0] + 2, turned[0][-1] - 2.6, 1 / SWING_HZ):
-        led = turned[:, slice(*np.searchsorted(turned[0], [begin, begin + 2.6]))]
-        lags.append([lag_s(led, (rows[0], rows[k])) for k in (1, 2)])
+        moved = run.history(1 / SWING_HZ + LONGEST_S)
+        times = 1e-9 * moved["start_ns"].ravel()
+        lags.append([lag_s(np.array(turned).T, (times, moved[k][:, 0])) for k in ("left_joint/joints", "left/q_rad")])
     return np.array(lags).T
 
 
@@ -92,7 +87,9 @@ def of_leaders(where, address, rounds, random, environment):
                     return time.monotonic_ns()
 
                 spread(f"from a leader's joint to torque, {where}", until_it_moves(run, step, rounds, random))
-                setpoint, arm = swing(run, lambda q: pose(servos, q), start)
+                setpoint, arm = swing(run, lambda q: pose(servos, q), start, rounds // 10)
+                if program.poll() is not None:
+                    sys.exit("the leader's program has ended: this computer is too busy")
                 spread(f"a swinging leader's set-point is behind it, {where}", setpoint)
                 spread(f"and the arm, {where}", arm)
             finally:
@@ -116,7 +113,7 @@ def of_workstations(where, address, rounds, random):
 def of_pictures(where, address, seconds):
     cameras = {"top": mp.SceneCamera([0.62, 0, 1.5], look_at_m=[0.62, 0, 0.3], width=96, height=72)}
     log = FOLDER / "pictures.mcap"
-    with mp.run(str(SCENE)) as run, mp.connect(address(run)) as far:
+    with mp.run(str(SCENE)) as run, mp.connect(address(run), silence_s=5) as far:  # OpenGL begins slowly
         with mp.Cameras(far, cameras, rate_hz=10, log=str(log), scene=str(SCENE)) as see:
             see.newer("top")
             time.sleep(seconds)
@@ -132,7 +129,6 @@ def main():
     options = parser.parse_args()
     program = (options.build / "multipanda").resolve()
     os.environ["MULTIPANDA_PROGRAM"] = str(program)
-    (FOLDER / "multipanda").mkdir(exist_ok=True)
     (FOLDER / "bin").mkdir()
     (FOLDER / "bin" / "multipanda").symlink_to(program)
     random = np.random.default_rng(1)

@@ -86,7 +86,8 @@ def train(folder, steps, seed=1, say=print):
     losses = []
     for step in range(1, steps + 1):
         rows = random.integers(len(x), size=256)
-        noisy = x[rows] + random.normal(0, 0.05, (256, x.shape[1]))  # the arms will be beside the demonstrations
+        # The arms will be beside the demonstrations, and set-points must not follow them there.
+        noisy = x[rows] + random.normal(0, 0.15, (256, x.shape[1]))
         one, two, out = policy.layers(noisy)
         error = out - y[rows]
         losses.append(np.mean(error**2))
