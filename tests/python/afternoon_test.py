@@ -159,7 +159,7 @@ class Afternoon(unittest.TestCase):
                 heard("the arms follow")
                 while done < count:
                     self.placed += 1  # evenly over somewhat more than the trials' places: the policy cannot extrapolate
-                    x, y = BOX_M[0] + 0.18 * (0.7549 * self.placed % 1 - 0.5), 0.05 * (0.5698 * self.placed % 1 - 0.5)
+                    x, y = BOX_M[0] + 0.18 * (0.6180 * self.placed % 1 - 0.5), 0.05 * (0.7549 * self.placed % 1 - 0.5)
                     run.place("box", [x, y, BOX_M[2] + 0.0005])
                     lifted = person.demonstrate(x, y, self.random, lambda: heard("begins", done + 1))
                     heard("success", done + lifted)
