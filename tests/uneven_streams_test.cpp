@@ -187,7 +187,7 @@ TEST(UnevenStreams, StepsOfALeaderDoNotShakeJointsAgainstEachOther) {
   }
 }
 
-// Goals of a few millimetres that replace each other change their acceleration within 0.1 s, most where a
+// Goals of a few millimeters that replace each other change their acceleration within 0.1 s, most where a
 // joint is turned by a light wrist. What is fed forward of that leaves the torque rate free: one cycle in a
 // thousand at most is limited. Unbounded, one in 300 was, in all of these runs together.
 TEST(UnevenStreams, SmallGoalsThatReplaceEachOtherNeedNoRateLimit) {
