@@ -30,10 +30,11 @@ ContactBounds tighter(const ContactBounds& a, const ContactBounds& b);
 // n^T (P' - D V) <= F_max: a hand at rest is pushed with F_max at most.
 // Of its force, F_max falls with the speed v along n that the hand has already, to zero at one and a half
 // times hand_speed, but by no more than 300 N per m/s; above hand_speed the pull overcomes no more damping
-// than there. If the stiffness of the spring was raised, that end comes down to 0.9 times hand_speed; its moment
-// keeps what the stiffness before would give, or a tenth of the bound, and overcomes damping with the share
-// that was not raised: else a stretched spring would spin a light wrist. So a hand that was held back and is
-// let go comes after its set-point not much faster than the set-point may move, or than F_max / 300 N s/m.
+// than there. If the stiffness of the spring was raised, that end comes down to 0.9 times hand_speed; its
+// moment keeps what the stiffness before would give, or a tenth of the bound, and overcomes damping with the
+// share that was not raised: else a stretched spring would spin a light wrist. So a hand that was held back
+// and is let go comes after its set-point not much faster than the set-point may move, or than F_max / 300 N
+// s/m.
 struct BoundedPull {
   double force_share = 0, moment_share = 0;  // |P| over what is allowed; above 1: bounded
 
