@@ -81,6 +81,7 @@ class JointFollower final : public Controllet {
     }
     JointGains gains{.stiffness = parameters.joints(kStiffness),
                      .damping_ratio = parameters.number(kDampingRatio),
+                     .is_smooth = true,
                      .elbow = &elbow};
     const JointTarget target{q_d_, motion_.velocity(), motion_.acceleration()};
     JointPull pull;

@@ -147,7 +147,7 @@ LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target
     if (memory.ddq_d.size() == 0) memory.ddq_d = JointVector::Zero(error.size());
     const JointVector asked = led.cwiseProduct(target.ddq_d);
     const JointVector change = M.lazyProduct(JointVector(asked - memory.ddq_d));
-    feed(asked, rate_share(change, arm.model(), dt), memory.ddq_d);
+    feed(asked, gains.is_smooth ? 1 : rate_share(change, arm.model(), dt), memory.ddq_d);
     tau += M.lazyProduct(memory.ddq_d);
   }
   const ContactBounds bounds = raised(gains.stiffness, error, contact, memory);

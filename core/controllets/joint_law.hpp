@@ -42,6 +42,7 @@ struct JointGains {
   JointVector given;     // D, if it is given [N m s/rad] (n x 1)
   JointVector bearable;  // for `diagonal` (n x 1)
   bool acceleration_feedforward = true;
+  bool is_smooth = false;  // the set-point's own jerk is limited: its acceleration is fed forward as it is
   DampingOf damping_of = DampingOf::error;
   const Elbow* elbow = nullptr;  // point at which the pull also respects the bounds for contact
 };
