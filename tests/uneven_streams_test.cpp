@@ -189,7 +189,7 @@ TEST(UnevenStreams, StepsOfALeaderDoNotShakeJointsAgainstEachOther) {
 
 // Goals of a few millimeters that replace each other change their acceleration within 0.1 s, most where a
 // joint is turned by a light wrist. What is fed forward of that leaves the torque rate free: one cycle in a
-// thousand at most is limited. Unbounded, one in 300 was, in all of these runs together.
+// thousand at most is limited.
 TEST(UnevenStreams, SmallGoalsThatReplaceEachOtherNeedNoRateLimit) {
   constexpr int kCycles = 8000;
   const Registry registry = Registry::with_builtins();
