@@ -117,21 +117,6 @@ Matrix6 damped_inertia(ModelTerms& terms) {
   return task_with_motors(terms).Lambda;
 }
 
-ContactBounds raised_bounds(const ImpedanceGains& asked, const Matrix3& R_W_d, const Vector6& error,
-                            ImpedanceMemory& memory) {
-  const ImpedanceGains before = memory.gains.value_or(asked);
-  const auto same = [&] {
-    return before.translational_stiffness == asked.translational_stiffness &&
-           before.rotational_stiffness == asked.rotational_stiffness && before.axes == asked.axes;
-  };
-  if (!memory.raised.none() || !same()) {
-    memory.raised.update(spring_energy(before.stiffness(R_W_d), error),
-                         spring_energy(asked.stiffness(R_W_d), error));
-  }
-  memory.gains = asked;
-  return memory.raised.bounds(asked.contact);
-}
-
 TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms,
                           double dt, ImpedanceMemory& memory) {
   ImpedanceGains gains = asked;
@@ -143,7 +128,6 @@ TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& re
   TaskForce force;
   force.stiffness_share = stiffness_share;
   force.error = pose_error(target.X_W_d, terms.X_WE());
-  gains.contact = raised_bounds(asked, target.X_W_d.rotation, force.error, memory);
   force.spring = spring_wrench(K, force.error);
   force.total = force.spring;
   if (gains.damping_of == DampingOf::velocity) {
@@ -157,6 +141,8 @@ TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& re
     feed(target.A_d.vector, rate_share(terms.J_V_WE().transpose().lazyProduct(change), terms.model(), dt),
          memory.A_d);
     force.total.noalias() += Lambda * memory.A_d;
+  } else {
+    memory.A_d.setZero();
   }
   if (gains.coriolis_feedforward) force.total += terms.task_coriolis(target.V_d.vector);
   force.damping = D * V;

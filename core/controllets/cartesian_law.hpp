@@ -1,11 +1,10 @@
 #pragma once
 
-#include <optional>
 #include <vector>
 
 #include "core/controllets/controllet.hpp"
 #include "core/controllets/damping_design.hpp"
-#include "core/controllets/law_memory.hpp"
+#include "core/controllets/feedforward.hpp"
 #include "core/controllets/task_spring.hpp"
 
 // Cartesian impedance of one arm, shared by all Cartesian controllets. Loop thread, no allocation.
@@ -99,18 +98,10 @@ struct TaskForce {
 // Of one hand's impedance; a new one for each start.
 struct ImpedanceMemory {
   Vector6 A_d = Vector6::Zero();  // that is fed forward
-  std::optional<ImpedanceGains> gains;
-  RaisedSpring raised;
 };
 
-// The bounds for contact of a spring whose stiffnesses may have been raised; both at the orientation R_W_d of
-// now, since stiffnesses that turn with a set-point are not raised. `asked`: before soften().
-ContactBounds raised_bounds(const ImpedanceGains& asked, const Matrix3& R_W_d, const Vector6& error,
-                            ImpedanceMemory& memory);
-
 // K_c x~ + D_c (V_d - V) + Lambda A_d [+ C_c V_d]; with DampingOf::velocity -D_c V. `asked` is limited for
-// stability (damping_design.hpp), Lambda A_d in its rate, a spring whose stiffness was raised in its speed
-// (law_memory.hpp).
+// stability (damping_design.hpp), Lambda A_d in its rate (feedforward.hpp).
 TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms,
                           double dt, ImpedanceMemory& memory);
 

@@ -8,8 +8,7 @@ namespace {
 
 // The speed at which the pull reaches zero, over the greatest speed of a set-point: an undisturbed hand at
 // that speed keeps a third of the pull for friction and undeclared loads.
-constexpr double kPullEnds = 1.5, kRaisedPullEnds = 0.9;
-constexpr double kRaisedMoment = 0.1;  // of the bound, which any raised spring may have
+constexpr double kPullEnds = 1.5;
 // Largest slope of the force over speed [N s/m]: it acts like damping, and with some periods of delay a
 // larger one would shake a light hand. The usual bounds need 160, those of a reduced run 200.
 constexpr double kSteepest = 300;
@@ -37,8 +36,7 @@ double greatest_force(const ContactBounds& bounds, const Vector3& pull, double s
 
 double force_at_speed(const ContactBounds& bounds, double speed) {
   if (!(speed > 0) || !std::isfinite(bounds.spring_force + bounds.hand_speed)) return bounds.spring_force;
-  const double ends = kPullEnds + (kRaisedPullEnds - kPullEnds) * bounds.raised;
-  const double end = std::max(ends * bounds.hand_speed, bounds.spring_force / kSteepest);
+  const double end = std::max(kPullEnds * bounds.hand_speed, bounds.spring_force / kSteepest);
   const double left = std::max(0.0, 1 - speed / end);
   return bounds.spring_force * left;
 }
@@ -51,10 +49,8 @@ ContactBounds tighter(const ContactBounds& a, const ContactBounds& b) {
 BoundedPull bound_pull(const ContactBounds& bounds, const Vector6& pull, const Vector6& damping,
                        const Vector3& v) {
   const double force = pull.head<3>().norm(), moment = pull.tail<3>().norm();
-  const double most = bounds.spring_moment, left = 1 - bounds.raised;
-  const double greatest = left < 1 ? std::min(most, std::max(left * moment, kRaisedMoment * most)) : most;
   return {share_of(force, greatest_force(bounds, pull.head<3>(), force, damping.head<3>(), v)),
-          share_of(moment, greatest + left * along(pull.tail<3>(), moment, damping.tail<3>()))};
+          share_of(moment, bounds.spring_moment + along(pull.tail<3>(), moment, damping.tail<3>()))};
 }
 
 double strain_of(const Vector6& spring, const ContactBounds& bounds) {

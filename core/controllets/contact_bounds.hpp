@@ -13,7 +13,6 @@ struct ContactBounds {
   double hand_speed = 0.25;   // of set-points [m/s]: ISO 10218-1:2011, 5.6.2, reduced speed
   double spring_force = 60;   // of the pull at a hand [N]: below the 140 N that ISO/TS 15066 allows a hand
   double spring_moment = 15;  // [N m]
-  double raised = 0;  // share of the spring's energy that a rise of stiffness gave it (law_memory.hpp)
 
   static constexpr ContactBounds lifted() {
     constexpr double kNone = std::numeric_limits<double>::infinity();
@@ -30,10 +29,8 @@ ContactBounds tighter(const ContactBounds& a, const ContactBounds& b);
 // n^T (P' - D V) <= F_max: a hand at rest is pushed with F_max at most.
 // Of its force, F_max falls with the speed v along n that the hand has already, to zero at one and a half
 // times hand_speed, but by no more than 300 N per m/s; above hand_speed the pull overcomes no more damping
-// than there. A spring whose stiffness was raised has that end at 0.9 times hand_speed; its moment
-// keeps what the stiffness before would give, or a tenth of the bound, and overcomes damping with the share
-// that was not raised: else a stretched spring would spin a light wrist. So a hand that was held back and is
-// let go comes after its set-point not much faster than the set-point may move, or than F_max / 300 N s/m.
+// than there. So a hand that was held back and is let go comes after its set-point not much faster than the
+// set-point may move, or than F_max / 300 N s/m.
 struct BoundedPull {
   double force_share = 0, moment_share = 0;  // |P| over what is allowed; above 1: bounded
 

@@ -7,8 +7,6 @@
 
 #include <gtest/gtest.h>
 
-#include "core/controllets/law_memory.hpp"
-
 namespace multipanda {
 namespace {
 
@@ -146,35 +144,6 @@ TEST(ContactBounds, LargestShareEndsOnTheLimit) {
     const Vector3 outside(0, limit * (1 + 1e-12), 0);
     EXPECT_EQ(largest_share(outside, 2 * outside, limit), 0);
   }
-}
-
-// 200 N/m, raised to 800 at 0.1 m: of 4 J three are of the rise. At 0.05 m 1 J is left, all of it; at 0.2 m
-// the set-point has added 15 J. A fall of the stiffness gives no energy.
-TEST(ContactBounds, ARaisedSpringIsSlowUntilItHasRelaxed) {
-  const auto energy = [](double stiffness, double stretch) { return 0.5 * stiffness * stretch * stretch; };
-  RaisedSpring spring;
-  spring.update(energy(200, 0.1), energy(200, 0.1));
-  EXPECT_TRUE(spring.none());
-  spring.update(energy(200, 0.1), energy(800, 0.1));
-  EXPECT_NEAR(spring.bounds({}).raised, 0.75, 1e-12);
-  spring.update(energy(800, 0.05), energy(800, 0.05));
-  EXPECT_NEAR(spring.bounds({}).raised, 1, 1e-12);
-  spring.update(energy(800, 0.2), energy(800, 0.2));
-  EXPECT_NEAR(spring.bounds({}).raised, 1.0 / 16, 1e-12);
-  spring.update(energy(800, 0.2), energy(400, 0.2));
-  EXPECT_NEAR(spring.bounds({}).raised, 1.0 / 8, 1e-12);
-  spring.update(0, 0);
-  EXPECT_TRUE(spring.none());
-
-  ContactBounds bounds;
-  bounds.raised = 0.75;  // a force ends at 0.2625 m/s
-  EXPECT_NEAR(force_at_speed(bounds, 0.13125), 30, 1e-9);
-  Vector6 pull = Vector6::Zero(), damping = pull;
-  pull[5] = 16;    // 4 N m of it are of the stiffness before
-  damping[5] = 2;  // of which a quarter may be overcome
-  EXPECT_NEAR(bound_pull(bounds, pull, damping, Vector3::Zero()).remaining(pull)[5], 4.5, 1e-9);
-  bounds.raised = 1;
-  EXPECT_NEAR(bound_pull(bounds, pull, damping, Vector3::Zero()).remaining(pull)[5], 1.5, 1e-9);
 }
 
 }  // namespace

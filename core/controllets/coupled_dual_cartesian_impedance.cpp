@@ -128,6 +128,8 @@ class CoupledDualCartesianImpedance final : public Controllet {
       const Vector12 change = Lambda.leftCols<6>() * Vector6(target.A_d.vector - memory_.A_d);
       feed(target.A_d.vector, rate_share(frame, change, context.arms, context.dt), memory_.A_d);
       force += Lambda.leftCols<6>() * memory_.A_d;
+    } else {
+      memory_.A_d.setZero();
     }
     if (gains.coriolis_feedforward) {
       force += frame.task_coriolis(*first.terms, *second.terms, target.V_d.vector);
@@ -141,9 +143,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
     if (std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) {
       Vector12 V;
       V << frame.absolute_velocity(V_1, V_2), frame.relative_velocity(V_1, V_2);
-      const ContactBounds contact =
-          raised_bounds(impedance_gains(parameters, context.contact), R_d, absolute.error, memory_);
-      bound(context, contact, frame, D * V, absolute, F);
+      bound(context, frame, D * V, absolute, F);
     }
     for (std::size_t i = 0; i < 2; ++i) {
       OwnedArm& arm = context.arms[i];
@@ -169,15 +169,15 @@ class CoupledDualCartesianImpedance final : public Controllet {
   using Vector12 = Eigen::Matrix<double, 12, 1>;
 
   // Bounds the pull at each hand. The set-point waits where it moves along the pull on A.
-  void bound(ControlContext& context, const ContactBounds& contact, const CooperativeFrame& frame,
-             const Vector12& damping, const TaskForce& absolute, std::array<Vector6, 2>& F) const {
+  void bound(ControlContext& context, const CooperativeFrame& frame, const Vector12& damping,
+             const TaskForce& absolute, std::array<Vector6, 2>& F) const {
     const std::array damping_at{frame.first_wrench(damping.head<6>(), damping.tail<6>()),
                                 frame.second_wrench(damping.head<6>(), damping.tail<6>())};
     double lever = 0;
     for (std::size_t i = 0; i < 2; ++i) {
       const Vector6 pull = F[i] + damping_at[i];
       const BoundedPull bounded =
-          bound_pull(contact, pull, damping_at[i], context.arms[i].terms->V_WE().linear());
+          bound_pull(context.contact, pull, damping_at[i], context.arms[i].terms->V_WE().linear());
       if (bounded.factor() < 1) F[i] = bounded.remaining(pull) - damping_at[i];
       const double share = std::max(bounded.force_share, bounded.moment_share);
       context.inputs[kPose].resist(absolute.spring, share, share);

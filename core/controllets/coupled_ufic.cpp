@@ -162,6 +162,8 @@ class CoupledUfic final : public Controllet {
       feed(target.A_d.vector, rate_share(frame, change, context.arms, context.dt), A_d_);
       target.A_d.vector = A_d_;
       feedforward += Lambda.leftCols<6>() * A_d_;
+    } else {
+      A_d_.setZero();
     }
     feedforward.head<3>() += carried(settings, target, frame, dt);
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.

@@ -72,17 +72,6 @@ JointMatrix damping_of(const JointGains& gains, const JointMatrix& K, const Join
   return D;
 }
 
-// The bounds for contact of a spring whose stiffness may have been raised.
-ContactBounds raised(const JointVector& stiffness, const JointVector& error, const ContactBounds& contact,
-                     JointMemory& memory) {
-  const auto energy = [&](const JointVector& k) { return 0.5 * k.dot(error.cwiseAbs2()); };
-  if (memory.stiffness.size() == 0) memory.stiffness = stiffness;
-  if (!memory.raised.none() || memory.stiffness != stiffness)
-    memory.raised.update(energy(memory.stiffness), energy(stiffness));
-  memory.stiffness = stiffness;
-  return memory.raised.bounds(contact);
-}
-
 }  // namespace
 
 Elbow::Elbow(ModelTerms& terms) {
@@ -149,10 +138,11 @@ LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target
     const JointVector change = M.lazyProduct(JointVector(asked - memory.ddq_d));
     feed(asked, gains.is_smooth ? 1 : rate_share(change, arm.model(), dt), memory.ddq_d);
     tau += M.lazyProduct(memory.ddq_d);
+  } else {
+    memory.ddq_d.setZero();
   }
-  const ContactBounds bounds = raised(gains.stiffness, error, contact, memory);
   if (gains.elbow != nullptr || std::isfinite(contact.spring_force + contact.spring_moment))
-    bound(bounds, gains.elbow, arm, spring, damping, tau, pull);
+    bound(contact, gains.elbow, arm, spring, damping, tau, pull);
   if (!tau.allFinite()) return LawResult::fault;
   *arm.tau = tau;
   return LawResult::ok;

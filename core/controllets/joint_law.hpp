@@ -2,7 +2,7 @@
 
 #include "core/controllets/controllet.hpp"
 #include "core/controllets/damping_design.hpp"
-#include "core/controllets/law_memory.hpp"
+#include "core/controllets/feedforward.hpp"
 
 namespace multipanda {
 
@@ -53,9 +53,7 @@ struct JointTarget {
 
 // Of one arm's law; a new one for each start.
 struct JointMemory {
-  JointVector ddq_d;      // that is fed forward [rad/s^2] (n x 1)
-  JointVector stiffness;  // of the last tick (n x 1)
-  RaisedSpring raised;
+  JointVector ddq_d;  // that is fed forward [rad/s^2] (n x 1)
 };
 
 ParameterSpec joint_stiffness_parameter();
@@ -74,8 +72,8 @@ struct JointPull {
 // tau = K (q_d - q) + D (dq_d - dq) + C dq [+ M ddq_d], the pull within the bounds for contact, at the hand
 // and at every prismatic joint; `dq` is the arm's velocity on which D acts (n x 1). With DampingOf::velocity
 // -D dq instead of D (dq_d - dq). K and D are limited for stability (damping_design.hpp); joints without
-// stiffness are braked and follow no set-point. M ddq_d is limited in its rate, a spring whose stiffness was
-// raised in its speed (law_memory.hpp). The result is in arm.tau; fault if it is not finite.
+// stiffness are braked and follow no set-point. M ddq_d is limited in its rate (feedforward.hpp). The result
+// is in arm.tau; fault if it is not finite.
 LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
                               const ContactBounds& contact, OwnedArm& arm, double dt, JointMemory& memory,
                               JointPull& pull);

@@ -140,6 +140,8 @@ class Ufic final : public Controllet {
       const JointVector in_joints = terms.J_V_WE().transpose().lazyProduct(change);
       feed(target.A_d.vector, rate_share(in_joints, terms.model(), context.dt), A_d_);
       feedforward.noalias() += s * (Lambda * A_d_);
+    } else {
+      A_d_.setZero();
     }
     if (gains.coriolis_feedforward) feedforward += s * terms.task_coriolis(target.V_d.vector);
     Vector6 opposing = D * V;
