@@ -69,8 +69,8 @@ enum class MotionStep : std::uint8_t {
 //
 // The first command of a position or pose generator either continues the start at rest within the limits, or
 // lies within the start tolerance: then the motion begins there, at rest (of a pose, the second command
-// decides). Any other first command is an invalid start pose. A missed command is replaced by extrapolation with the last acceleration; the rules
-// apply to the result.
+// decides). Any other first command is an invalid start pose. A missed command is replaced by extrapolation
+// with the last acceleration; the rules apply to the result.
 //
 // Joint generators publish no commanded twist: V_BE_c, A_BE_c, delbow_c are zero, X_BE_c = X_BE_d.
 // none: the state stays where the motion began.
