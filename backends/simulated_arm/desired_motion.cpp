@@ -62,7 +62,7 @@ void DesiredMotion::hold(const JointVector& q, const Pose& X_FE) {
   state_.dq = state_.ddq = JointVector::Zero(q.size());
   state_.X_BE_d = state_.X_BE_c = inverse_.chain().X_BE(q);
   state_.elbow_d = state_.elbow_c = elbow_of(q);
-  violation_count_ = 0;
+  violations_.count = 0;
   publish();
 }
 
@@ -80,12 +80,14 @@ MotionStart DesiredMotion::start(const MotionRequest& request) {
   generator_ = request.generator;
   asynchronous_ = request.asynchronous;
   first_ = true;
+  second_ = false;
+  if_continued_.count = 0;
   stopping_ = elbow_commanded_ = false;
   return MotionStart::started;
 }
 
 MotionStep DesiredMotion::step(const InterfaceCommand* command) {
-  violation_count_ = 0;
+  violations_.count = 0;
   if (asynchronous_) return step_planned(command);
   if (generator_ == MotionGenerator::idle || generator_ == MotionGenerator::none) {
     const bool finished = command != nullptr && (command->motion_finished || command->torque_finished);
@@ -96,7 +98,7 @@ MotionStep DesiredMotion::step(const InterfaceCommand* command) {
   if (command != nullptr && command->motion_finished) {
     // The command with the finish flag may repeat the last one, be the next one, or be zeros. It is used if
     // it continues the motion; otherwise the motion so far is evaluated.
-    violation_count_ = 0;
+    violations_.count = 0;
     return end_of_motion();
   }
   return result;
@@ -145,10 +147,10 @@ MotionStep DesiredMotion::step_joints(const InterfaceCommand* command) {
   check_joint_command(q, dq, dq_published);
 
   if (first_ && command != nullptr) {
-    if (violation_count_ > 0 && generator_ == MotionGenerator::joint_position) {
+    if (violations_.count > 0 && generator_ == MotionGenerator::joint_position) {
       int joint = 0;
       const double off = (q - state_.q).cwiseAbs().maxCoeff(&joint);
-      violation_count_ = 0;
+      violations_.count = 0;
       if (off > kStartJoint) {
         report(ArmError::joint_position_motion_generator_start_pose_invalid, joint,
                q[joint] - state_.q[joint], kStartJoint);
@@ -157,9 +159,9 @@ MotionStep DesiredMotion::step_joints(const InterfaceCommand* command) {
         begin_at(q);
       }
     }
-    if (violation_count_ == 0) first_ = false;
+    if (violations_.count == 0) first_ = false;
   }
-  if (violation_count_ > 0) return MotionStep::violation;
+  if (violations_.count > 0) return MotionStep::violation;
   set_joints(q, dq);
   state_.X_BE_c = state_.X_BE_d;
   state_.elbow_c = state_.elbow_d;

@@ -68,9 +68,9 @@ enum class MotionStep : std::uint8_t {
 // inverse kinematics finds.
 //
 // The first command of a position or pose generator either continues the start at rest within the limits, or
-// lies within the start tolerance: then the motion begins there, at rest. Any other first command is an
-// invalid start pose. A missed command is replaced by extrapolation with the last acceleration; the rules
-// apply to the result.
+// lies within the start tolerance: then the motion begins there, at rest (of a pose, the second command
+// decides). Any other first command is an invalid start pose. A missed command is replaced by extrapolation
+// with the last acceleration; the rules apply to the result.
 //
 // Joint generators publish no commanded twist: V_BE_c, A_BE_c, delbow_c are zero, X_BE_c = X_BE_d.
 // none: the state stays where the motion began.
@@ -99,7 +99,7 @@ class DesiredMotion {
   const DesiredState& state() const { return state_; }
   // Violations of the last step, at least one after MotionStep::violation. The index of a Cartesian rule is 0
   // for translation and 3 for rotation, of the elbow -1.
-  std::span<const Violation> violations() const { return {violations_.data(), violation_count_}; }
+  std::span<const Violation> violations() const { return {violations_.of.data(), violations_.count}; }
   const MotionLimits& limits() const { return limits_; }
   MotionGenerator generator() const { return generator_; }
 
@@ -123,6 +123,7 @@ class DesiredMotion {
   };
   MotionStep step_joints(const InterfaceCommand* command);
   MotionStep step_cartesian(const InterfaceCommand* command);
+  MotionStep follow_cartesian(const InterfaceCommand* command);
   MotionStep step_planned(const InterfaceCommand* command);
   MotionStep end_of_motion() const;
   bool is_at_rest() const;
@@ -153,12 +154,14 @@ class DesiredMotion {
   Pose X_FE_;
 
   MotionGenerator generator_ = MotionGenerator::idle;
-  bool asynchronous_ = false, first_ = true, stopping_ = false, elbow_commanded_ = false;
+  bool asynchronous_ = false, first_ = true, second_ = false, stopping_ = false, elbow_commanded_ = false;
   DesiredState state_;
   Published published_;
 
-  std::array<Violation, 8> violations_{};
-  std::size_t violation_count_ = 0;
+  struct Violations {
+    std::array<Violation, 8> of{};
+    std::size_t count = 0;
+  } violations_, if_continued_;  // if_continued_: had the first pose continued the rest
 };
 
 }  // namespace multipanda

@@ -1,11 +1,34 @@
 // The Cartesian generators: commanded pose and elbow to joints.
 #include <cmath>
 #include <optional>
+#include <utility>
 
 #include "backends/simulated_arm/desired_motion.hpp"
 
 namespace multipanda {
+
+// A first pose that is near the commanded one, as the measured pose is, begins a motion or continues the
+// rest. The second one tells: if it breaks a rule in one reading, the other counts.
 MotionStep DesiredMotion::step_cartesian(const InterfaceCommand* command) {
+  const bool first = first_, second = command != nullptr && std::exchange(second_, false);
+  MotionStep step = follow_cartesian(command);
+  second_ = second_ || (first && !first_ && generator_ == MotionGenerator::cartesian_pose);
+  if (step != MotionStep::violation || !second) return step;
+  if (if_continued_.count == 0) {
+    if_continued_ = violations_;
+    violations_.count = 0;
+    begin_at(state_.q);
+    state_.V_BE_c = {};
+    state_.A_BE_c.setZero();
+    state_.delbow_c = state_.ddelbow_c = {};
+    publish();
+    step = follow_cartesian(command);
+  }
+  if (step == MotionStep::violation) violations_ = if_continued_;
+  return step;
+}
+
+MotionStep DesiredMotion::follow_cartesian(const InterfaceCommand* command) {
   CartesianCommand requested;
   if (command == nullptr) {
     extrapolate(requested);
@@ -13,32 +36,35 @@ MotionStep DesiredMotion::step_cartesian(const InterfaceCommand* command) {
     return read;
   }
   check_twist(requested.V, requested.V_published);
-  const bool twist_broken = violation_count_ > 0;
-  const std::size_t before_elbow = violation_count_;
+  const bool twist_broken = violations_.count > 0;
+  const std::size_t before_elbow = violations_.count;
   if (requested.has_elbow) check_elbow(requested.elbow);
-  const bool elbow_broken = violation_count_ > before_elbow;
+  const bool elbow_broken = violations_.count > before_elbow;
   // A velocity generator has no start pose, so its violations are final.
   const bool posed = generator_ == MotionGenerator::cartesian_pose;
   if (first_ && command != nullptr && (twist_broken || elbow_broken) && (posed || !twist_broken)) {
     begin_cartesian(requested, twist_broken, elbow_broken);
   }
-  if (violation_count_ > 0) return MotionStep::violation;
+  if (violations_.count > 0) return MotionStep::violation;
 
   const auto& solution = inverse_.solve(
       requested.X, requested.has_elbow ? std::optional(requested.elbow) : std::nullopt, state_.q);
-  if (requested.begins_here) {
-    check_joint_positions(solution.q);
-  } else {
-    const JointVector dq = (solution.q - state_.q) / kArmPeriod;
+  const JointVector dq_c = (solution.q - state_.q) / kArmPeriod;
+  if (!requested.begins_here) {
     const Vector6 dA = (requested.V_published - published_.V.cast<double>()) / kArmPeriod - requested.A;
     // First-order estimate of the joint motion for the published history.
-    check_solution(solution, dq,
-                   dq + inverse_.differential(requested.V_published - requested.V,
-                                              requested.delbow_published - requested.delbow),
-                   (dq - state_.dq) / kArmPeriod +
+    check_solution(solution, dq_c,
+                   dq_c + inverse_.differential(requested.V_published - requested.V,
+                                                requested.delbow_published - requested.delbow),
+                   (dq_c - state_.dq) / kArmPeriod +
                        inverse_.differential(dA, requested.ddelbow_published - requested.ddelbow));
+    if (first_ && command != nullptr && posed && solution.met && violations_.count > 0) {
+      if_continued_ = violations_;
+      begin_cartesian(requested, true, requested.has_elbow);
+    }
   }
-  if (violation_count_ > 0) return MotionStep::violation;
+  if (requested.begins_here) check_joint_positions(solution.q);
+  if (violations_.count > 0) return MotionStep::violation;
 
   if (command != nullptr) first_ = false;
   elbow_commanded_ = requested.has_elbow;
@@ -109,7 +135,7 @@ MotionStep DesiredMotion::read_cartesian(const InterfaceCommand& command, Cartes
 
 // A first command that does not continue the start may be a new start, if it is close enough and at rest.
 void DesiredMotion::begin_cartesian(CartesianCommand& requested, bool other_pose, bool other_elbow) {
-  violation_count_ = 0;
+  violations_.count = 0;
   const Vector6 off = pose_difference(requested.X, state_.X_BE_c);
   const double off_p = off.head<3>().norm(), off_r = off.tail<3>().norm();
   const double off_elbow = requested.elbow - state_.elbow_c[0];

@@ -147,8 +147,8 @@ void DesiredMotion::check_solution(const InverseKinematics::Solution& solution, 
 }
 
 void DesiredMotion::report(ArmError error, int index, double value, double limit) {
-  if (violation_count_ == violations_.size()) return;
-  violations_[violation_count_++] = {
+  if (violations_.count == violations_.of.size()) return;
+  violations_.of[violations_.count++] = {
       .error = error, .index = static_cast<std::int8_t>(index), .value = value, .limit = limit};
 }
 void DesiredMotion::report(ArmError error, const Worst& worst) {

@@ -18,6 +18,9 @@ std::uint64_t seed_of(std::uint64_t scene_seed, std::size_t arm) {
   return z ^ z >> 31;
 }
 
+// Reported of real arms: 0.2 to 7 s, at rest too.
+constexpr int kRealRecovery = 200;  // [periods]
+
 // Real sensors have noise of their own.
 PlantFidelity without_usual_noise(PlantFidelity plant) {
   const PlantFidelity usual = PlantFidelity::realistic();
@@ -68,6 +71,7 @@ SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm, boo
       .friction = friction_of(scene, robot),
       .motion_limits = MotionLimits::of(robot),
       .real_sensors = real_sensors,
+      .recovery_periods = real_sensors ? kRealRecovery : 0,
       .hand_excess = real_sensors && scene.arms[arm].hand && robot.hand ? hand_excess(robot) : MassExcess{},
       .estimating_model = real_sensors ? own_model(scene.arms[arm], robot) : nullptr};
 }

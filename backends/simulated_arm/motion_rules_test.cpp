@@ -235,6 +235,22 @@ TEST(MotionRules, PosesAreFramesAndBeginWhereTheArmIs) {
   EXPECT_NEAR(motion.state().X_BE_d.position.z(), X.position.z() + 1.9e-3, 1e-9);
 }
 
+// The measured pose, from which the manufacturer's examples start, is micrometers from the commanded one.
+TEST(MotionRules, ACartesianMotionStartsAtEveryPoseNearTheCommandedOne) {
+  for (const char* robot : {"fer", "fr3", "fr3v2"}) {
+    Arm arm(robot);
+    for (double off = 1e-7; off < 1.9e-3; off *= 1.2) {
+      DesiredMotion& motion = arm.begin(MotionGenerator::cartesian_pose);
+      Pose X = motion.state().X_BE_c;
+      X.position += off / std::sqrt(3) * Vector3(1, -1, 1);
+      X.rotation = exp_rotation(Vector3(off, off, -off)) * X.rotation;
+      const InterfaceCommand there = pose(X);
+      for (int k = 0; k < 20; ++k) EXPECT_EQ(motion.step(&there), MotionStep::moving) << robot << ": " << off;
+      EXPECT_LT((motion.state().X_BE_d.position - X.position).norm(), 1e-9);
+    }
+  }
+}
+
 TEST(MotionRules, Elbow) {
   Arm arm("fr3", any_joints);
   DesiredMotion& motion = arm.begin(MotionGenerator::cartesian_velocity);

@@ -423,6 +423,7 @@ ArmReply SimulatedArm::apply(const ArmRequest& request) {
                                                  if (errors_ == 0 && !stopped_)
                                                    return ArmReply::nothing_to_recover;
                                                  if (user_stop_) return ArmReply::user_stop_pressed;
+                                                 if (errors_ != 0) recovering_ = config_.recovery_periods;
                                                  clear_errors();
                                                  stopped_ = false;
                                                  braking_ = !is_at_rest();

@@ -88,6 +88,7 @@ struct SimulatedArmConfig {
   std::optional<JointFriction> friction;  // joint friction known to the arm's own controllers
   MotionLimits motion_limits;             // of the control interface: MotionLimits::of(robot)
   bool real_sensors = false;              // sensors and estimate of external torques as real arms have them
+  int recovery_periods = 0;               // that recovery from an error takes at least
   MassExcess hand_excess = {};            // counted by that estimate
   std::shared_ptr<const ArmModel> estimating_model = {};  // of that estimate; null: `model`
   std::optional<WorkspaceBox> workspace;  // of the end effector's origin, in B; none: not checked
@@ -112,8 +113,8 @@ struct PlantMeasurement {
 // Modes: idle -(start_motion)-> move -(finished, stop_motion)-> idle; any -> user_stopped (button), reflex
 // (error), other (StopMotion request); idle -> guiding (buttons). Outside move the arm ignores commands,
 // brakes and holds the place where it came to rest; in guiding it gives way. From reflex and other only
-// RecoverFromError leads back, to idle, over recovering if the arm still brakes; from user_stopped and
-// guiding, the release of the button leads back.
+// RecoverFromError leads back, to idle, over recovering while the arm brakes or its recovery takes time; from
+// user_stopped and guiding, the release of the button leads back.
 //
 // What raises an error: docs/simulation.md. An error ends the motion in the period in which it is found;
 // the next state shows mode, errors and reflex_reason together. A state shows every motion before what the

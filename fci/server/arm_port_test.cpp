@@ -270,6 +270,37 @@ class StandingArm : public OneArm {
 };
 TEST_F(StandingArm, recoversToo) { recover_at_speed(); }
 
+// At rest, too: real arms take 0.2 s at least, ideal ones the period until the next state.
+class RestingArm : public OneArm, public testing::WithParamInterface<bool> {
+ protected:
+  RestingArm() : OneArm({.idle_stands_still = true}, plant(GetParam())) {}
+  static Scene plant(bool real) {
+    Scene world = scene();
+    if (real) world.plant = PlantFidelity::realistic();
+    return world;
+  }
+};
+TEST_P(RestingArm, recoversInTheTimeOfARealArm) {
+  TestProgram program(place());
+  RobotState state = program.start_torques();
+  ASSERT_TRUE(arms_.raise(0, ArmError::joint_reflex));
+  while (in_mode(state, RobotMode::move)) state = program.exchange(state);
+  EXPECT_EQ(program.reply(program.move()), Status::reflex_aborted);
+  const auto recovery = program.send(AutomaticErrorRecoveryRequest{});
+  int recovering = 0;
+  state = program.read_until([&](const auto& s) {
+    recovering += in_mode(s, RobotMode::automatic_error_recovery) ? 1 : 0;
+    return is_idle(s);
+  });
+  EXPECT_EQ(program.reply(recovery), Status::success);
+  if (GetParam())
+    EXPECT_GE(recovering, 199);
+  else
+    EXPECT_LE(recovering, 1);
+  EXPECT_TRUE(in_mode(program.start_torques(), RobotMode::move));
+}
+INSTANTIATE_TEST_SUITE_P(Plants, RestingArm, testing::Bool());
+
 class StretchedArm : public OneArm {
  protected:
   StretchedArm() : OneArm({}, stretched()) {}
