@@ -4,6 +4,7 @@
 #include <cerrno>
 #include <cmath>
 #include <condition_variable>
+#include <cstdio>
 #include <cstring>
 #include <fcntl.h>
 #include <mutex>
@@ -14,6 +15,7 @@
 #include <termios.h>
 #include <thread>
 #include <unistd.h>
+#include <utility>
 #include <vector>
 
 #include "fci/client/end_effector.hpp"
@@ -30,10 +32,14 @@ using Bytes = std::vector<unsigned char>;
 constexpr unsigned char kSlave = 9, kWrite = 0x10, kRead = 0x03;
 constexpr unsigned char kActivate = 0x01, kGo = 0x08;  // bits of the first output
 constexpr double kAnswer = 0.05, kLost = 0.5;          // patience with one answer, and with silence [s]
+constexpr double kUnheard = 1;                         // commands are sent so long without an answer [s]
 constexpr double kPeriod = 0.01;                       // of the exchange [s]
 constexpr double kHoming = 60, kMotion = 30;           // [s]
 constexpr double kFollowed = 0.002;                    // what is held stays held below this opening [m]
-constexpr int kFull = 255;
+// No farther ahead of the fingers than what they do in this time is written as their target, so that they end
+// there if the program or the line dies [s].
+constexpr double kAhead = 0.3;
+constexpr int kFull = 255, kFirstFailure = 8;  // greatest position, least fault that prevents motion
 
 struct Model {
   const char* name;
@@ -76,7 +82,7 @@ class Robotiq final : public EndEffector {
     return {.present = present_,
             .width = width_,
             .max_width = max_width_,
-            .grasped = grasped_,
+            .grasped = present_ && grasped_,
             .moving = moving_};
   }
 
@@ -87,6 +93,7 @@ class Robotiq final : public EndEffector {
     bool operator==(const Command&) const = default;
   };
   struct Status {
+    unsigned char action = 0;  // as written
     bool active = false, goes = false;
     int object = 0;  // 0: moves, 1, 2: stopped by something while opening, closing, 3: at the position
     int fault = 0, echo = 0, position = 0;
@@ -98,7 +105,14 @@ class Robotiq final : public EndEffector {
   bool write(const Command& command) const;
   std::optional<Status> read() const;
   void turn(const Status& status);
-  void aim(double width, double speed, double force);
+  void go(double position, double speed, double force);
+  int next() const;
+  void halt();
+  std::string fault() const {
+    return "it reports fault " + std::to_string(last_.fault) + ": see its manual, then home it";
+  }
+  std::string impossible(double speed, double force) const;
+  double position_of(double width) const { return closed_ - width / model_.stroke * (closed_ - open_); }
   void finish(bool success, std::string why = {});
   double width_of(int position) const {
     return model_.stroke * std::clamp((closed_ - position) / (closed_ - open_), 0.0, 1.0);
@@ -116,7 +130,10 @@ class Robotiq final : public EndEffector {
   std::condition_variable asked_;
   bool news_ = false;
   Phase phase_ = Phase::idle;
-  Command command_, written_;
+  Command command_;
+  std::optional<Command> written_;  // unknown while it is not confirmed
+  int goal_ = 0, reach_ = 1;        // position where the motion ends, and how far ahead one is written
+  bool known_ = false;              // it has answered once
   int turns_ = 0;                   // since the command was written
   double open_ = 3, closed_ = 230;  // positions at the ends, of usual fingers until homing has found them
   Status last_;
@@ -133,8 +150,12 @@ void Robotiq::disconnect(const std::string& why) {
   asked_.notify_all();
   if (thread_.joinable()) thread_.join();
   const std::lock_guard lock(mutex_);
+  halt();
+  constexpr int kTries = 3;
+  for (int k = 0; k < kTries && known_ && file_ >= 0 && written_ != command_; ++k)
+    if (write(command_)) written_ = command_;
   finish(false, why);
-  present_ = moving_ = grasped_ = false;
+  present_ = moving_ = false;
   if (file_ >= 0) ::close(file_);
   file_ = -1;
 }
@@ -158,20 +179,24 @@ void Robotiq::connect() {
     return fail(std::string("its port cannot be set: ") + std::strerror(errno));
   std::optional<Status> status;
   for (const HostTime end = after(kLost); !status && host_now() < end;) status = read();
-  if (!status) return fail("it does not answer");
-  {
+  constexpr const char* kSilent = "it does not answer";
+  if (!status && !known_) return fail(kSilent);
+  if (status) {
     const std::lock_guard lock(mutex_);
+    known_ = true;
     last_ = *status;
-    // As it is: what it holds stays held, and nothing moves.
-    const auto action =
-        static_cast<unsigned char>((status->active ? kActivate : 0) | (status->goes ? kGo : 0));
-    command_ = written_ = {action, static_cast<unsigned char>(status->echo), 0, 0};
-    phase_ = Phase::idle;
+    // As it is: what it holds stays held, but what moves, ends.
+    const bool moves = status->goes && status->object == 0;
+    written_ = command_ = {status->action, static_cast<unsigned char>(status->echo), 0, 0};
+    if (moves) command_.action = kActivate;
+    if (!status->active) command_ = {};
+    if (!status->goes || status->object != 2) grasped_ = false;
     width_ = width_of(status->position);
   }
-  present_ = true;
+  present_ = status.has_value();
   ending_ = false;
-  thread_ = std::thread([this] { run(); });
+  thread_ = std::thread([this] { run(); });  // also if it is silent: what ends its motion is still sent
+  if (!status) throw std::runtime_error(who_ + ": " + kSilent + "; look at its supply and cable");
 }
 
 // The answer to a request, without its check; empty: none, or a damaged one.
@@ -203,7 +228,8 @@ std::optional<Robotiq::Status> Robotiq::read() const {
   const Bytes answer = exchange({kSlave, kRead, 0x07, 0xD0, 0, 3}, 9);
   if (answer.empty() || answer[2] != 6) return std::nullopt;
   const unsigned char* r = answer.data() + 3;
-  return Status{.active = (r[0] >> 4u & 3u) == 3,
+  return Status{.action = static_cast<unsigned char>(r[0] & (kActivate | kGo)),
+                .active = (r[0] >> 4u & 3u) == 3,
                 .goes = (r[0] & kGo) != 0,
                 .object = r[0] >> 6u,
                 .fault = r[2] & 0x0F,
@@ -213,27 +239,32 @@ std::optional<Robotiq::Status> Robotiq::read() const {
 
 void Robotiq::run() {
   HostTime heard = host_now();
+  std::unique_lock lock(mutex_);
   while (!ending_) {
-    std::unique_lock lock(mutex_);
-    const Command desired = command_;
-    const bool changed = desired != written_;
-    news_ = false;
+    const bool asked = std::exchange(news_, false);
     lock.unlock();
-    const bool wrote = changed && write(desired);
-    const auto status = read();
-    if (status) heard = host_now();
+    const auto status = read();  // first: one that was reset must not be told to activate
     lock.lock();
-    if (wrote) {
-      written_ = desired;
-      turns_ = 0;
-    }
     if (status) {
+      heard = host_now();
+      present_ = true;
       ++turns_;
       turn(*status);
     }
-    if (seconds(host_now() - heard) > kLost) {
-      present_ = moving_ = grasped_ = false;
-      return finish(false, "it no longer answers: look at its supply and cable, then reconnect the arm");
+    const double silent = seconds(host_now() - heard);
+    if (silent > kLost) {
+      present_ = moving_ = false;
+      halt();
+      finish(false, "it no longer answers: look at its supply and cable");
+    }
+    if (written_ != command_ && (asked || silent < kUnheard)) {
+      const Command desired = command_;
+      written_.reset();
+      lock.unlock();
+      const bool wrote = write(desired);
+      lock.lock();
+      turns_ = 0;
+      if (wrote) written_ = desired;
     }
     asked_.wait_for(lock, std::chrono::duration<double>(kPeriod), [&] { return news_ || ending_; });
   }
@@ -245,21 +276,31 @@ void Robotiq::turn(const Status& status) {
   width_ = width_of(status.position);
   const bool is_command =
       written_ == command_ && turns_ > 1;  // the first status may be older than the command
-  const bool settled = is_command && status.echo == command_.position && status.object != 0;
+  const bool settled = is_command && status.echo == command_.position &&
+                       (status.object == 3 ? status.echo == goal_ : status.object != 0);
   const bool holds = status.goes && status.object == 2 && (phase_ != Phase::move);
   if (!holds) grasped_ = false;
   moving_ = answer_.has_value() || (phase_ == Phase::follow && !settled);
-  if (answer_ && host_now() > until_) {
-    command_.action &= static_cast<unsigned char>(~kGo);
+  const bool activates = phase_ == Phase::reset || phase_ == Phase::activate;
+  if (!status.active && !activates && (command_.action & kActivate) != 0) {
+    command_ = {};  // anything else would activate it, which moves its fingers
     phase_ = Phase::idle;
+    max_width_ = 0;
+    moving_ = false;
+    return finish(false, "it was reset: home it");
+  }
+  if (answer_ && host_now() > until_) {
+    halt();
     return finish(false, "its motion did not end in time, and was stopped");
   }
-  constexpr int kFirstFailure = 8;
-  if (answer_ && is_command && phase_ > Phase::activate && status.fault >= kFirstFailure) {
-    phase_ = Phase::idle;
-    return finish(false,
-                  "it reports fault " + std::to_string(status.fault) + ": see its manual, then home it");
+  if (phase_ > Phase::activate && (is_command || phase_ == Phase::follow) && status.fault >= kFirstFailure) {
+    halt();
+    return finish(false, fault());
   }
+  // Not at each change by a single step, which what is held may do.
+  if (const int to = next();
+      phase_ > Phase::activate && !settled && (to == goal_ || std::abs(to - command_.position) > reach_ / 4))
+    command_.position = static_cast<unsigned char>(to);
   switch (phase_) {
     case Phase::idle:
       return;
@@ -271,13 +312,13 @@ void Robotiq::turn(const Status& status) {
     case Phase::activate:
       if (!is_command || !status.active) return;
       phase_ = Phase::find_closed;
-      command_ = {kActivate | kGo, kFull, kFull / 4, 0};
+      go(kFull, model_.slowest + (model_.fastest - model_.slowest) / 4, model_.weakest);
       return;
     case Phase::find_closed:
       if (!settled) return;
       closed_ = status.position;
       phase_ = Phase::find_open;
-      command_.position = 0;
+      go(0, model_.slowest + (model_.fastest - model_.slowest) / 4, model_.weakest);
       return;
     case Phase::find_open:
       if (!settled) return;
@@ -306,15 +347,43 @@ void Robotiq::turn(const Status& status) {
     case Phase::follow:
       if (settled && status.object == 2) grasped_ = true;
       if (host_now() < until_) return;
-      if (!grasped_) command_.action = kActivate;  // stays where it is
-      phase_ = Phase::idle;
+      halt();
   }
 }
 
-void Robotiq::aim(double width, double speed, double force) {
-  const double position = closed_ - width / model_.stroke * (closed_ - open_);
-  command_ = {kActivate | kGo, static_cast<unsigned char>(std::clamp(std::lround(position), 0L, long{kFull})),
+void Robotiq::go(double position, double speed, double force) {
+  goal_ = static_cast<int>(std::clamp(std::lround(position), 0L, long{kFull}));
+  reach_ = std::max(1, static_cast<int>(kAhead * speed * (closed_ - open_) / model_.stroke));
+  command_ = {kActivate | kGo, static_cast<unsigned char>(next()),
               portion(speed, model_.slowest, model_.fastest), portion(force, model_.weakest, model_.firmest)};
+}
+
+// The position to write on the way to the goal. At the ends of its fingers it reports to be at its target,
+// before it is.
+int Robotiq::next() const {
+  const int from = last_.goes && last_.object == 3 ? last_.echo : last_.position;
+  return std::clamp(goal_, from - reach_, from + reach_);
+}
+
+// Ends the motion where it is, that of the activation too. What it holds stays held.
+void Robotiq::halt() {
+  if (phase_ == Phase::reset || phase_ == Phase::activate)
+    command_ = {};
+  else if (phase_ != Phase::idle && !grasped_)
+    command_.action &= static_cast<unsigned char>(~kGo);
+  phase_ = Phase::idle;
+}
+
+// Why it cannot move so; empty: it can.
+std::string Robotiq::impossible(double speed, double force) const {
+  std::array<char, 128> why{};
+  if (speed < model_.slowest || speed > model_.fastest)
+    (void)std::snprintf(why.data(), why.size(), " cannot move at %g m/s: %g to %g m/s are possible", speed,
+                        model_.slowest, model_.fastest);
+  else if (force < model_.weakest || force > model_.firmest)
+    (void)std::snprintf(why.data(), why.size(), " cannot press with %g N: %g to %g N are possible", force,
+                        model_.weakest, model_.firmest);
+  return why[0] == 0 ? std::string{} : who_ + why.data();
 }
 
 void Robotiq::finish(bool success, std::string why) {
@@ -326,27 +395,37 @@ void Robotiq::finish(bool success, std::string why) {
 
 std::future<RequestAnswer> Robotiq::request(const GripperRequest& request) {
   const std::lock_guard lock(mutex_);
-  if (!present_) return refuse_request(who_ + " is not connected: reconnect the arm");
-  if (auto why = check(request); !why.empty()) return refuse_request(std::move(why));
   news_ = true;
   asked_.notify_all();
   const auto* follow = std::get_if<GripperFollow>(&request);
+  const bool holds = follow != nullptr && !follow->width;
+  if (holds && phase_ == Phase::follow) halt();
   if (std::holds_alternative<GripperStop>(request)) {
     finish(false, "its motion was ended by a stop");
+    halt();
     command_.action &= static_cast<unsigned char>(~kGo);
-    phase_ = Phase::idle;
-    return answer_now({.success = true, .reason = {}});
+    if (present_) return answer_now({.success = true, .reason = {}});
   }
-  if (follow != nullptr && (answer_ || !follow->width)) {
-    if (!answer_ && phase_ == Phase::follow) until_ = {};
-    return answer_now({.success = true, .reason = {}});
+  if (!present_)
+    return refuse_request(who_ +
+                          " does not answer: a stop is sent nevertheless; look at its supply "
+                          "and cable, then reconnect the arm");
+  if (auto why = check(request); !why.empty()) return refuse_request(std::move(why));
+  if (follow != nullptr) {
+    if (auto why = impossible(follow->speed, follow->force); !holds && !why.empty())
+      return refuse_request(std::move(why));
+    if (answer_ || holds) return answer_now({.success = true, .reason = {}});
   }
   const bool homes = std::holds_alternative<GripperHoming>(request);
-  if (!homes && !last_.active)
+  if (!homes && (!last_.active || max_width_ == 0))
     return refuse_request(who_ + " has to be homed first; its fingers then close and open wholly");
   if (follow != nullptr) {
+    if (last_.fault >= kFirstFailure) return refuse_request(who_ + ": " + fault());
     until_ = after(follow->silence);
-    if (!(grasped_ && *follow->width < width_ + kFollowed)) aim(*follow->width, follow->speed, follow->force);
+    if (!(grasped_ && *follow->width < width_ + kFollowed)) {
+      go(position_of(*follow->width), follow->speed, follow->force);
+      grasped_ = false;
+    }
     phase_ = Phase::follow;
     return answer_now({.success = true, .reason = {}});
   }
@@ -356,19 +435,24 @@ std::future<RequestAnswer> Robotiq::request(const GripperRequest& request) {
     return refuse_request(who_ + " has fingers and no suction");
   if (grasp != nullptr && grasped_)
     return refuse_request(who_ + " holds something already, and is left as it is");
+  if (auto why = move != nullptr    ? impossible(move->speed, model_.weakest)
+                 : grasp != nullptr ? impossible(grasp->speed, grasp->force)
+                                    : std::string{};
+      !why.empty())
+    return refuse_request(std::move(why));
   finish(false, "its motion was ended by another motion");
   answer_.emplace();
   until_ = after(homes ? kHoming : kMotion);
   if (homes) {
     command_ = {};
+    max_width_ = 0;
     phase_ = Phase::reset;
   } else if (move != nullptr) {
-    aim(move->width, move->speed, model_.weakest);
+    go(position_of(move->width), move->speed, model_.weakest);
     phase_ = Phase::move;
   } else {
     grasp_ = *grasp;
-    aim(0, grasp->speed, grasp->force);
-    command_.position = kFull;
+    go(kFull, grasp->speed, grasp->force);
     phase_ = Phase::grasp;
   }
   moving_ = true;

@@ -8,6 +8,7 @@
 #include <termios.h>
 #include <thread>
 #include <unistd.h>
+#include <utility>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -59,7 +60,20 @@ class Device {
     ::close(master_);
   }
   const std::string& path() const { return path_; }
-  void mute(bool on) { muted_ = on; }
+  void mute(bool on) { muted_ = on; }  // its answers are lost
+  void cut(bool on) { cut_ = on; }     // and what is written
+  void report(int fault) { fault_ = fault; }
+  void sweep(double s) { activation_ = s; }  // an activation that moves its fingers
+  void leave(const std::array<unsigned char, 6>& out,
+             double position = 100) {  // as a program or its supply does
+    const std::lock_guard lock(mutex_);
+    out_ = out;
+    position_ = position;
+  }
+  double farthest() {  // target ahead of the fingers
+    const std::lock_guard lock(mutex_);
+    return std::exchange(farthest_, 0);
+  }
   void garble(int answers) { garbled_ = answers; }
   void put_object(double position) { object_ = position; }  // fingers close no farther; 255: nothing
   double position() {
@@ -90,6 +104,7 @@ class Device {
       std::array<unsigned char, 256> some{};
       const ssize_t count = (readable.revents & POLLIN) != 0 ? ::read(master_, some.data(), some.size()) : 0;
       if (count > 0) got.insert(got.end(), some.begin(), some.begin() + count);
+      if (cut_) got.clear();
       const HostTime now = host_now();
       const std::lock_guard lock(mutex_);
       live(seconds(now - then));
@@ -104,7 +119,9 @@ class Device {
       return;
     }
     active_s_ += dt;
-    if ((out_[0] & 8u) == 0 || active_s_ < kActivation) return;
+    if (active_s_ < activation_ && activation_ > kActivation)
+      position_ = std::min(kClosed, position_ + 20 * dt);
+    if ((out_[0] & 8u) == 0 || active_s_ < activation_) return;
     const double speed = (20 + 130 * out_[4] / 255.0) / (85 / (kClosed - kOpen));
     const double most = std::min<double>(kClosed, object_);
     const double target = std::clamp<double>(out_[3], kOpen, position_ <= most ? most : position_);
@@ -131,17 +148,19 @@ class Device {
     Bytes reply{9, frame[1]};
     if (is({9, 0x10, 0x03, 0xE8, 0, 3, 6})) {
       std::copy(frame.begin() + 7, frame.end(), out_.begin());
+      if ((out_[0] & 8u) != 0) farthest_ = std::max(farthest_, std::abs(out_[3] - position_));
       if ((out_[0] & 8u) != 0 && (targets_.empty() || targets_.back() != out_[3]))
         targets_.push_back(out_[3]);
       reply.insert(reply.end(), {0x03, 0xE8, 0, 3});
     } else if (is({9, 0x03, 0x07, 0xD0, 0, 3})) {
-      const bool active = (out_[0] & 1u) != 0, done = active_s_ >= kActivation, goes = (out_[0] & 8u) != 0;
+      const bool active = (out_[0] & 1u) != 0, done = active_s_ >= activation_, goes = (out_[0] & 8u) != 0;
       const bool there = std::abs(std::clamp<double>(out_[3], kOpen, kClosed) - position_) < 0.5;
       const unsigned object = there ? 3 : position_ >= object_ - 0.5 && out_[3] > position_ ? 2 : 0;
       const unsigned state = active ? (done ? 3 : 1) : 0;
       const auto first = static_cast<unsigned char>((active ? 1u : 0u) | (goes ? 8u : 0u) | state << 4u |
                                                     (goes && done ? object << 6u : 0u));
-      reply.insert(reply.end(), {6, first, 0, 0, out_[3], static_cast<unsigned char>(position_), 0});
+      reply.insert(reply.end(), {6, first, 0, static_cast<unsigned char>(fault_), out_[3],
+                                 static_cast<unsigned char>(position_), 0});
     } else {
       ++foreign_;
       return;
@@ -157,13 +176,13 @@ class Device {
   int master_, slave_ = -1;
   std::string path_;
   std::thread thread_;
-  std::atomic<bool> ending_{false}, muted_{false};
-  std::atomic<int> garbled_{0}, foreign_{0};
-  std::atomic<double> object_{255};
+  std::atomic<bool> ending_{false}, muted_{false}, cut_{false};
+  std::atomic<int> garbled_{0}, foreign_{0}, fault_{0};
+  std::atomic<double> object_{255}, activation_{kActivation};
   std::mutex mutex_;
   std::array<unsigned char, 6> out_{};
   std::vector<int> targets_;
-  double position_ = 100, active_s_ = 0;
+  double position_ = 100, active_s_ = 0, farthest_ = 0;
 };
 
 struct Rig {
@@ -205,7 +224,7 @@ TEST(Robotiq, MovesNothingBeforeItIsHomedThenMovesAndGrasps) {
   EXPECT_NEAR(rig.link->state().width, 0.0425, 6e-4);
   // 150 mm/s is the fastest, 127.5 N half of 20 to 235 N.
   rig.device.put_object(150);
-  EXPECT_FALSE(rig.ask(GripperGrasp{.width = 0.001, .speed = 1, .force = 127.5}).success);
+  EXPECT_FALSE(rig.ask(GripperGrasp{.width = 0.001, .speed = 0.15, .force = 127.5}).success);
   EXPECT_EQ(rig.device.out()[4], 255);
   EXPECT_EQ(rig.device.out()[5], 128);
   EXPECT_TRUE(Rig::until([&] { return !rig.device.goes(); }));  // it lets go of what does not fit
@@ -312,6 +331,144 @@ TEST(Robotiq, GarbageIsAskedAgainAndSilenceIsALoss) {
   rig.device.mute(false);
   rig.link->connect();
   EXPECT_TRUE(rig.ask(GripperMove{.width = 0.02, .speed = 0.15}).success);
+}
+
+TEST(Robotiq, MotionEndsWhenItsLineIsSilentAndItIsThereAgainWhenItAnswers) {
+  Rig rig;
+  rig.home();
+  const auto closes = [&] {
+    EXPECT_TRUE(rig.ask(GripperMove{.width = 0.085, .speed = 0.15}).success);
+    EXPECT_TRUE(rig.ask(GripperFollow{.width = 0, .speed = 0.02, .silence = 1}).success);
+    EXPECT_TRUE(Rig::until([&] { return rig.device.position() > 10; }));
+  };
+  closes();
+  rig.device.mute(true);  // what is written arrives
+  EXPECT_TRUE(Rig::until([&] { return !rig.device.goes(); }));
+  EXPECT_TRUE(Rig::until([&] { return !rig.link->state().present; }));
+  EXPECT_LT(rig.device.position(), 100);
+  EXPECT_NE(rig.ask(GripperStop{}).reason.find("stop is sent nevertheless"), std::string::npos);
+  rig.device.mute(false);
+  EXPECT_TRUE(Rig::until([&] { return rig.link->state().present; }));
+  closes();
+  rig.device.cut(true);
+  EXPECT_TRUE(Rig::until([&] { return !rig.link->state().present; }));
+  EXPECT_THROW(rig.link->connect(), std::runtime_error);
+  rig.device.cut(false);
+  EXPECT_TRUE(Rig::until([&] { return rig.link->state().present && !rig.device.goes(); }));
+  EXPECT_LT(rig.device.position(), 100);
+  EXPECT_TRUE(rig.ask(GripperStop{}).success);
+  EXPECT_TRUE(rig.ask(GripperMove{.width = 0.02, .speed = 0.15}).success);
+}
+
+TEST(Robotiq, WhatHoldsOnASilentLineStaysHeld) {
+  Rig rig;
+  rig.home();
+  rig.device.put_object(150);
+  EXPECT_TRUE(rig.ask(GripperGrasp{.width = 0.029, .speed = 0.15, .force = 40}).success);
+  for (const bool reconnects : {false, true}) {
+    rig.device.mute(true);
+    EXPECT_TRUE(Rig::until([&] { return !rig.link->state().present; }));
+    EXPECT_FALSE(rig.link->state().grasped);
+    if (reconnects) EXPECT_THROW(rig.link->connect(), std::runtime_error);
+    rig.device.mute(false);
+    EXPECT_TRUE(Rig::until([&] { return rig.link->state().grasped; }));
+    EXPECT_TRUE(rig.device.goes());
+  }
+  EXPECT_TRUE(rig.ask(GripperStop{}).success);
+  EXPECT_TRUE(Rig::until([&] { return !rig.device.goes(); }));
+}
+
+// A program that ends or dies: it ends what moves, the next one too, and that one moves nothing before it
+// homes.
+TEST(Robotiq, NoMotionOutlivesItsProgram) {
+  Rig rig;
+  rig.home();
+  EXPECT_TRUE(rig.ask(GripperMove{.width = 0.085, .speed = 0.15}).success);
+  EXPECT_TRUE(rig.ask(GripperFollow{.width = 0, .speed = 0.02, .silence = 1}).success);
+  EXPECT_TRUE(Rig::until([&] { return rig.device.goes(); }));
+  rig.link.reset();
+  EXPECT_FALSE(rig.device.goes());
+  rig.device.leave({9, 0, 0, 255, 0, 0}, 20);
+  rig.link = robotiq_link("left", rig.device.path(), "2f-85");
+  rig.link->connect();
+  EXPECT_TRUE(Rig::until([&] { return !rig.device.goes(); }));
+  EXPECT_LT(rig.device.position(), 200);
+  EXPECT_NE(rig.ask(GripperMove{.width = 0.03}).reason.find("homed first"), std::string::npos);
+  EXPECT_NE(rig.ask(GripperFollow{.width = 0.03}).reason.find("homed first"), std::string::npos);
+  EXPECT_FALSE(rig.device.goes());
+}
+
+// Steps in 0.3 s at 20, 50 and 150 mm/s, from 85 mm in 225 of them; one more for rounding.
+TEST(Robotiq, TargetsAreAShortWayAheadOfTheFingers) {
+  Rig rig;
+  rig.home();
+  EXPECT_TRUE(rig.ask(GripperMove{.width = 0.04, .speed = 0.15}).success);
+  (void)rig.device.farthest();
+  EXPECT_TRUE(rig.ask(GripperMove{.width = 0.02, .speed = 0.02}).success);
+  EXPECT_LE(rig.device.farthest(), 0.3 * 0.02 / 0.085 * 225 + 1);
+  EXPECT_NEAR(rig.link->state().width, 0.02, 6e-4);
+  EXPECT_TRUE(rig.ask(GripperMove{.width = 0.085, .speed = 0.15}).success);
+  EXPECT_NEAR(rig.device.farthest(), 0.3 * 0.15 / 0.085 * 225, 20);
+  EXPECT_TRUE(rig.ask(GripperFollow{.width = 0, .speed = 0.05, .silence = 1}).success);
+  EXPECT_TRUE(Rig::until([&] { return rig.device.position() > 50 || !rig.link->state().moving; }));
+  EXPECT_LE(rig.device.farthest(), 0.3 * 0.05 / 0.085 * 225 + 1);
+}
+
+TEST(Robotiq, AStopEndsItsActivationAndNothingElseBeginsOne) {
+  Rig rig;
+  rig.home();
+  rig.device.sweep(20);
+  rig.device.leave({});
+  EXPECT_TRUE(Rig::until([&] { return rig.link->state().max_width == 0; }));
+  auto homing = rig.link->request(GripperHoming{});
+  EXPECT_TRUE(Rig::until([&] { return rig.device.position() > 110; }));
+  EXPECT_TRUE(rig.ask(GripperStop{}).success);
+  EXPECT_FALSE(homing.get().success);
+  EXPECT_TRUE(Rig::until([&] { return rig.device.out()[0] == 0; }));
+  EXPECT_LT(rig.device.position(), Device::kClosed);
+
+  rig.device.sweep(0.05);
+  EXPECT_TRUE(rig.ask(GripperHoming{}).success);
+  rig.device.sweep(20);
+  auto move = rig.link->request(GripperMove{.width = 0, .speed = 0.02});
+  rig.device.leave({}, 40);
+  EXPECT_NE(move.get().reason.find("it was reset"), std::string::npos);
+  EXPECT_TRUE(rig.ask(GripperStop{}).success);
+  EXPECT_NE(rig.ask(GripperFollow{.width = 0.03}).reason.find("homed first"), std::string::npos);
+  EXPECT_TRUE(Rig::until([&] { return rig.device.out()[0] == 0; }));
+  EXPECT_LT(rig.device.position(), Device::kClosed);
+}
+
+TEST(Robotiq, FaultsEndTheFollowingAndAreReported) {
+  Rig rig;
+  rig.home();
+  EXPECT_TRUE(rig.ask(GripperFollow{.width = 0, .speed = 0.02, .silence = 1}).success);
+  EXPECT_TRUE(Rig::until([&] { return rig.device.goes() && rig.device.position() > 10; }));
+  rig.device.report(0x0E);
+  std::string why;
+  EXPECT_TRUE(Rig::until([&] {
+    why = rig.ask(GripperFollow{.width = 0, .speed = 0.02, .silence = 1}).reason;
+    return !why.empty();
+  }));
+  EXPECT_NE(why.find("fault 14"), std::string::npos) << why;
+  EXPECT_TRUE(Rig::until([&] { return !rig.device.goes() && !rig.link->state().moving; }));
+}
+
+TEST(Robotiq, ImpossibleSpeedsAndForcesAreRefused) {
+  Rig rig;
+  rig.home();
+  const auto out = rig.device.out();
+  const auto refused = [&](const GripperRequest& request, const char* part) {
+    const RequestAnswer answer = rig.ask(request);
+    EXPECT_FALSE(answer.success);
+    EXPECT_NE(answer.reason.find(part), std::string::npos) << answer.reason;
+  };
+  refused(GripperFollow{.width = 0.05, .speed = 0.001}, "0.001 m/s: 0.02 to 0.15 m/s");
+  refused(GripperFollow{.width = 0.05, .force = 1}, "1 N: 20 to 235 N");
+  refused(GripperMove{.width = 0.05, .speed = 0.2}, "0.2 m/s: 0.02 to 0.15 m/s");
+  refused(GripperGrasp{.width = 0.05, .speed = 0.01}, "0.01 m/s");
+  refused(GripperGrasp{.width = 0.05, .force = 1000}, "1000 N: 20 to 235 N");
+  EXPECT_EQ(rig.device.out(), out);
 }
 
 TEST(Robotiq, WithoutItsPortOrAnAnswerTheRemedyIsNamed) {

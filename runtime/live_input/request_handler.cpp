@@ -49,7 +49,8 @@ void end_or_stop(MultimodeController& modes, InstanceSet instances) {
 RequestHandler::RequestHandler(LiveInputContext run) : run_(std::move(run)) {
   for (const auto& model : run_.models) terms_.emplace_back(model);
   run_.mounts.resize(run_.models.size());
-  following_.resize(run_.modes->arm_count());
+  const std::lock_guard lock(run_.followed->mutex);
+  run_.followed->grippers.resize(run_.modes->arm_count());
 }
 
 void RequestHandler::begin_stop(const json& request, Pending& pending) {
@@ -371,9 +372,9 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
   if (auto* of_gripper = std::get_if<GripperRequest>(&request)) {
     pending.patience_s = kGripperPatience;
     pending.arm = target;
-    take_gripper(target, *of_gripper, fields, pending);
-    // What is held and shall be held more firmly would fall.
     run_.latest->copy(snapshot_);
+    take_gripper(target, *of_gripper, pending);
+    // What is held and shall be held more firmly would fall.
     const bool tightens =
         snapshot_.arms[target].sample.gripper_grasped &&
         (std::holds_alternative<GripperGrasp>(*of_gripper) || std::holds_alternative<VacuumOn>(*of_gripper));
@@ -393,39 +394,85 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
   }
 }
 
-// While a gripper follows one client's widths, others do not move it. A width is not older than its silence.
-void RequestHandler::take_gripper(ArmIndex arm, const GripperRequest& request, const JsonFields& fields,
-                                  Pending& pending) {
-  Following& following = following_[arm];
+std::string RequestHandler::halted(ArmIndex arm) const {
+  if (snapshot_.cycle == 0) return {};
+  const auto mode = static_cast<ArmMode>(snapshot_.arms[arm].sample.mode);
+  const bool halts = mode == ArmMode::user_stopped || mode == ArmMode::reflex;
+  return halts ? std::string(to_string(mode)) : std::string();
+}
+
+// While a gripper follows one client's widths, others may only stop and open it. What is refused here changes
+// nothing, so that who is followed still counts when the client is gone.
+void RequestHandler::take_gripper(ArmIndex arm, const GripperRequest& request, Pending& pending) {
+  const std::lock_guard lock(run_.followed->mutex);
+  Followed::Gripper& gripper = run_.followed->grippers[arm];
   const HostTime now = host_now();
-  const bool ends = ends_motion(BackendRequest(request));
-  if (!ends && following.client != pending.client && now < following.until)
-    throw RequestRefused("two_owners",
-                         "the gripper of arm '" + run_.modes->arm_name(arm) +
-                             "' follows widths of another client: end that stream first, or 'stop' it");
-  following = {};
-  const auto* follow = std::get_if<GripperFollow>(&request);
-  if (ends || follow == nullptr) return;
-  if (auto why = check(request); !why.empty()) fields.refuse(why);
-  const auto silence_ns = static_cast<std::int64_t>(1e9 * follow->silence);
+  const bool ends = ends_motion(BackendRequest(request)), own = gripper.client == pending.client;
+  const auto* move = std::get_if<GripperMove>(&request);
+  const ArmSample& sample = snapshot_.arms[arm].sample;
+  const bool opens = move != nullptr && sample.has_gripper && move->width > sample.gripper_width;
+  if (!ends && !opens && !own && now < gripper.until)
+    throw RequestRefused("arm_refused", "the gripper of arm '" + run_.modes->arm_name(arm) +
+                                            "' follows widths of another client: end that stream first, or "
+                                            "'stop' the gripper; a move that opens it is accepted");
+  if (auto why = check(request); !ends && !why.empty()) throw RequestRefused("arm_refused", why);
+  if (const auto* follow = std::get_if<GripperFollow>(&request); follow != nullptr && !ends)
+    return take_width(arm, *follow, gripper, pending);
+  gripper.end(now, !own || std::holds_alternative<GripperStop>(request));
+}
+
+// A width is not older than its silence.
+void RequestHandler::take_width(ArmIndex arm, const GripperFollow& follow, Followed::Gripper& gripper,
+                                Pending& pending) {
+  const HostTime now = host_now();
+  const auto silence_ns = static_cast<std::int64_t>(1e9 * follow.silence);
+  const HostTime until{now.ns + silence_ns};
+  const HostTime pause{now.ns + std::max(silence_ns, Followed::kShortestPause)};
+  const std::string why = halted(arm);
+  const bool stopped = run_.modes->stopped().contains(arm);
+  const auto found = gripper.paused.find(pending.client);
+  const bool paused = found != gripper.paused.end() && now < found->second;
+  if ((stopped || paused || !why.empty()) && pending.client != nullptr)
+    gripper.paused[pending.client] = pause;
+  if (stopped) return;  // refused next
+  if (!why.empty())
+    throw RequestRefused("arm_refused", "arm '" + run_.modes->arm_name(arm) + "' is " + why +
+                                            ", and its gripper follows no widths: release or recover it");
+  if (paused)
+    throw RequestRefused(
+        "arm_refused",
+        fmt::format("this stream of widths was ended by a stop or by someone else: the gripper "
+                    "of arm '{}' follows it again once it has paused for {:g} s",
+                    run_.modes->arm_name(arm), seconds(pause - now)));
   *pending.begin_by = std::min(pending.begin_by->load(), pending.asked.ns + silence_ns);
   if (now.ns > *pending.begin_by)
     throw RequestRefused(
         std::string(name_of(Verdict::timeout)),
         fmt::format("the width is {:.1f} s old, longer than 'silence_s', and is not followed",
                     seconds(now - pending.asked)));
-  if (run_.modes->stopped().contains(arm)) return;  // refused next
-  following = {.client = pending.client, .until = HostTime{now.ns + silence_ns}};
+  gripper.paused.erase(pending.client);
+  gripper.client = pending.client;
+  gripper.until = until;
+  gripper.pause = pause;
 }
 
 void RequestHandler::end_following(const void* client) {
-  for (ArmIndex arm = 0; arm < following_.size(); ++arm) {
-    const bool ends =
-        client != nullptr ? following_[arm].client == client : run_.modes->stopped().contains(arm);
-    if (following_[arm].client == nullptr || !ends) continue;
-    following_[arm] = {};
+  const std::lock_guard lock(run_.followed->mutex);
+  const HostTime now = host_now();
+  const ArmSet stopped = run_.modes->stopped();
+  auto& grippers = run_.followed->grippers;
+  const auto follows = [&](const Followed::Gripper& gripper) { return now < gripper.until; };
+  if (std::ranges::any_of(grippers, follows)) run_.latest->copy(snapshot_);
+  for (ArmIndex arm = 0; arm < grippers.size(); ++arm) {
+    Followed::Gripper& gripper = grippers[arm];
+    const bool halts = (stopped - held_).contains(arm) || (follows(gripper) && !halted(arm).empty());
+    if (client != nullptr) gripper.paused.erase(client);
+    if (client != nullptr ? gripper.client != client : !halts) continue;
+    gripper.end(now, client == nullptr);
+    if (client != nullptr) gripper.client = nullptr;
     (void)run_.backend->request(arm, GripperRequest(GripperFollow{}));
   }
+  if (client == nullptr) held_ = stopped;
 }
 
 std::optional<json> RequestHandler::post(const Request& request, Pending& pending) {

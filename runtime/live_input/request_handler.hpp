@@ -1,6 +1,8 @@
 #pragma once
 
+#include <algorithm>
 #include <atomic>
+#include <cstdint>
 #include <functional>
 #include <future>
 #include <limits>
@@ -32,7 +34,25 @@ struct EpisodeCount {
   bool open = false;
 };
 
-// The parts of a run that live input uses. They must outlive the server. Copies share the count of episodes.
+// Whose widths the grippers follow, shared by all interfaces of a run.
+struct Followed {
+  static constexpr std::int64_t kShortestPause = 200'000'000;  // [ns]
+  struct Gripper {
+    const void* client = nullptr;            // whose width was the last one
+    HostTime until, pause;                   // when that is silent; when its stream has paused
+    std::map<const void*, HostTime> paused;  // clients whose widths are refused until then
+    // Without a pause the next width of the same stream would move the fingers again.
+    void end(HostTime now, bool pauses) {
+      if (pauses && now < pause) paused[client] = std::max(pause, HostTime{now.ns + kShortestPause});
+      until = pause = {};
+    }
+  };
+  std::mutex mutex;
+  std::vector<Gripper> grippers;  // per arm
+};
+
+// The parts of a run that live input uses. They must outlive the server. Copies share the count of episodes
+// and what grippers follow.
 struct LiveInputContext {
   std::string scene;
   MultimodeController* modes = nullptr;
@@ -46,6 +66,7 @@ struct LiveInputContext {
   const SharedRecords* records = nullptr;               // none: not on this computer
   std::function<void(const EpisodeMark&)> mark;         // into log and events
   std::shared_ptr<EpisodeCount> episodes = std::make_shared<EpisodeCount>();
+  std::shared_ptr<Followed> followed = std::make_shared<Followed>();
   bool stops_only = false;  // the program commands its arms by itself: clients may only read and stop
 };
 
@@ -103,7 +124,8 @@ class RequestHandler {
   // Its sender has disconnected: pending requests do not begin, unless they are switches to hold, and a
   // gripper that has not finished its motion stops. Returns the answer to that stop; invalid: there is none.
   std::future<RequestAnswer> abandon(Pending& pending);
-  // Grippers that follow a client's widths stay where they are: those of stopped arms, or of a gone `client`.
+  // Grippers that follow widths stay where they are: those of arms that were stopped, also by their button or
+  // a reflex, or those of a gone `client`.
   void end_following(const void* client = nullptr);
   // A switch that activates nothing but hold, which is safer than what was asked before.
   bool only_holds(const Request& request) const;
@@ -145,13 +167,10 @@ class RequestHandler {
     std::optional<Pose> X_WB;
   };
 
-  struct Following {
-    const void* client = nullptr;
-    HostTime until;
-  };
-
   void begin_stop(const nlohmann::json& request, Pending& pending);
-  void take_gripper(ArmIndex arm, const GripperRequest& request, const JsonFields& fields, Pending& pending);
+  void take_gripper(ArmIndex arm, const GripperRequest& request, Pending& pending);
+  void take_width(ArmIndex arm, const GripperFollow& follow, Followed::Gripper& gripper, Pending& pending);
+  std::string halted(ArmIndex arm) const;  // by its button or a reflex, in the newest state; empty: it is not
   void check_whose_arms(const JsonFields& fields) const;
   static void keep_patience(const JsonFields& fields, HostTime not_before, Pending& pending);
   Request read_switch(const JsonFields& fields) const;
@@ -174,7 +193,7 @@ class RequestHandler {
   LiveInputContext run_;
   LatestState::Snapshot snapshot_;
   std::vector<ModelTerms> terms_;
-  std::vector<Following> following_;  // per arm: whose widths its gripper follows
+  ArmSet held_;  // stopped arms whose grippers have been told to stay
 };
 
 }  // namespace multipanda

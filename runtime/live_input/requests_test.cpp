@@ -853,58 +853,144 @@ class WidthsBackend final : public Backend {
   std::vector<double> widths;
 };
 
-TEST_F(RequestsTest, AGripperFollowsOneClientUntilItIsGoneOrItsArmIsStopped) {
-  WidthsBackend grippers;
-  LiveInputContext run = fixture_.run();
-  run.backend = &grippers;
-  RequestHandler handler(run);
-  const int one = 1, other = 2;
-  const auto send = [&](json request, const int& client) -> std::string {
+class FollowingTest : public RequestsTest {
+ protected:
+  FollowingTest()
+      : handler_([this] {
+          LiveInputContext run = fixture_.run();
+          run.backend = &grippers_;
+          return run;
+        }()) {}
+
+  // Why it is refused, with its verdict.
+  std::string send(json request, const int& client) {
     RequestHandler::Pending pending;
     pending.client = &client;
     request["do"] = "gripper";
     request["arm"] = "arm0";
     try {
-      if (const auto at_once = handler.begin(request, pending)) return (*at_once)["verdict"];
-      const auto answer = handler.poll(pending);
+      if (const auto at_once = handler_.begin(request, pending)) return (*at_once)["verdict"];
+      const auto answer = handler_.poll(pending);
       return answer && (*answer)["ok"] == true ? "" : answer->value("reason", "");
     } catch (const RequestRefused& refused) {
-      return refused.what();
+      return refused.code + ": " + refused.what();
     }
-  };
-  const auto follow = [](double width) {
-    return json{{"action", "follow"}, {"width_m", width}, {"silence_s", 1}};
-  };
-  EXPECT_EQ(send(follow(0.03), one), "");
-  EXPECT_EQ(send(follow(0.02), one), "");
-  EXPECT_THAT(send(follow(0.07), other), HasSubstr("another client"));
-  EXPECT_THAT(send({{"action", "move"}, {"width_m", 0.07}}, other), HasSubstr("another client"));
-  EXPECT_EQ(grippers.widths, (std::vector{0.03, 0.02}));
+  }
+  static json follow(double width) { return {{"action", "follow"}, {"width_m", width}, {"silence_s", 1}}; }
+  static json old_width() {
+    json old = follow(0.05);
+    old["asked_ns"] = host_now().ns - 2'000'000'000;
+    return old;
+  }
+  static json move(double width) { return {{"action", "move"}, {"width_m", width}}; }
+  void shows(ArmMode mode) {
+    CycleRecord record(2, 0, 0);
+    record.cycle = 1;
+    record.arms[0].has_gripper = true;
+    record.arms[0].gripper_width = 0.05;
+    record.arms[0].mode = static_cast<std::uint8_t>(mode);
+    fixture_.latest.take(record);
+  }
+  static void pause() {
+    const HostTime begun = host_now();
+    while (host_now() - begun < std::chrono::milliseconds(1050))
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+
+  WidthsBackend grippers_;
+  RequestHandler handler_;
+  const int one_ = 1, other_ = 2, third_ = 3;
+};
+
+TEST_F(FollowingTest, OfOneClientUntilItIsGoneOrItsArmIsStopped) {
+  EXPECT_EQ(send(follow(0.03), one_), "");
+  EXPECT_EQ(send(follow(0.02), one_), "");
+  EXPECT_THAT(send(follow(0.07), other_),
+              HasSubstr("arm_refused: the gripper of arm 'arm0' follows widths of "
+                        "another client"));
+  EXPECT_THAT(send(move(0.07), other_), HasSubstr("another client"));
+  EXPECT_EQ(grippers_.widths, (std::vector{0.03, 0.02}));
   // Its own next motion ends it; then the other's turn has come.
-  EXPECT_EQ(send({{"action", "move"}, {"width_m", 0.01}}, one), "");
-  EXPECT_EQ(send(follow(0.07), other), "");
-  handler.end_following(&one);
-  EXPECT_EQ(grippers.widths.back(), 0.07);
-  handler.end_following(&other);
-  EXPECT_EQ(grippers.widths.back(), -1);
+  EXPECT_EQ(send(move(0.01), one_), "");
+  EXPECT_EQ(send(follow(0.07), other_), "");
+  handler_.end_following(&one_);
+  EXPECT_EQ(grippers_.widths.back(), 0.07);
+  handler_.end_following(&other_);
+  EXPECT_EQ(grippers_.widths.back(), -1);
   // So does anyone's stop of the gripper, and a stop of the arm.
-  EXPECT_EQ(send(follow(0.03), one), "");
-  EXPECT_EQ(send({{"action", "stop"}}, other), "");
-  EXPECT_EQ(send(follow(0.04), other), "");
-  handler.end_following();
-  EXPECT_EQ(grippers.widths.back(), 0.04);
+  EXPECT_EQ(send(follow(0.03), one_), "");
+  EXPECT_EQ(send({{"action", "stop"}}, other_), "");
+  EXPECT_EQ(send(follow(0.04), other_), "");
+  handler_.end_following();
+  EXPECT_EQ(grippers_.widths.back(), 0.04);
   EXPECT_EQ(ask(R"({"do":"stop","arms":["arm0"]})")["ok"], true);
-  handler.end_following();
-  EXPECT_EQ(grippers.widths.back(), -1);
-  EXPECT_THAT(send(follow(0.03), other), HasSubstr("stopped"));
-  EXPECT_EQ(grippers.widths.back(), -1);
+  handler_.end_following();
+  EXPECT_EQ(grippers_.widths.back(), -1);
+  EXPECT_THAT(send(follow(0.03), other_), HasSubstr("stopped"));
+  EXPECT_EQ(grippers_.widths.back(), -1);
   EXPECT_EQ(ask(R"({"do":"resume"})")["ok"], true);
   // Neither old nor impossible widths.
-  json old = follow(0.05);
-  old["asked_ns"] = host_now().ns - 2'000'000'000;
-  EXPECT_THAT(send(old, other), HasSubstr("s old"));
-  EXPECT_THAT(send(follow(2), other), HasSubstr("0 to 1 m"));
-  EXPECT_EQ(grippers.widths.back(), -1);
+  EXPECT_THAT(send(old_width(), third_), HasSubstr("s old"));
+  EXPECT_THAT(send(follow(2), third_), HasSubstr("0 to 1 m"));
+  EXPECT_EQ(grippers_.widths.back(), -1);
+}
+
+// Who is followed is still known when it is gone, and a stop of its arm does not ask.
+TEST_F(FollowingTest, EndsInAHoldAfterARefusedRequest) {
+  EXPECT_EQ(send(follow(0.03), one_), "");
+  EXPECT_THAT(send(old_width(), one_), HasSubstr("s old"));
+  handler_.end_following(&one_);
+  EXPECT_EQ(grippers_.widths, (std::vector{0.03, -1.0}));
+  EXPECT_EQ(send(follow(0.02), one_), "");
+  EXPECT_EQ(ask(R"({"do":"stop","arms":["arm0"]})")["ok"], true);
+  EXPECT_THAT(send(follow(0.01), one_), HasSubstr("stopped"));
+  handler_.end_following();
+  handler_.end_following();
+  EXPECT_EQ(grippers_.widths, (std::vector{0.03, -1.0, 0.02, -1.0}));
+}
+
+// Otherwise the next width of the same stream would undo a stop after 33 ms.
+TEST_F(FollowingTest, AStreamThatWasEndedPausesFirst) {
+  const auto ended = [&](const char* by) {
+    EXPECT_THAT(send(follow(0.01), one_), HasSubstr("once it has paused for 1 s")) << by;
+    EXPECT_THAT(send(old_width(), one_), HasSubstr("once it has paused")) << by;
+    pause();
+    EXPECT_EQ(send(follow(0.02), one_), "") << by;
+  };
+  shows(ArmMode::move);
+  EXPECT_EQ(send(follow(0.03), one_), "");
+  EXPECT_EQ(send({{"action", "stop"}}, one_), "");
+  ended("its own stop");
+  EXPECT_EQ(send({{"action", "follow"}}, other_), "");
+  ended("another's hold");
+  EXPECT_THAT(send(move(0.04), other_), HasSubstr("a move that opens it is accepted"));
+  EXPECT_EQ(send(move(0.06), other_), "");
+  ended("another's wider move");
+  EXPECT_EQ(ask(R"({"do":"stop","arms":["arm0"]})")["ok"], true);
+  handler_.end_following();
+  EXPECT_THAT(send(follow(0.01), one_), HasSubstr("stopped"));
+  EXPECT_EQ(ask(R"({"do":"resume"})")["ok"], true);
+  shows(ArmMode::move);
+  ended("a stop of the arm");
+  // Its own hold and motions are its own will.
+  EXPECT_EQ(send({{"action", "follow"}}, one_), "");
+  EXPECT_EQ(send(follow(0.03), one_), "");
+}
+
+// A person presses the arm's button.
+TEST_F(FollowingTest, EndsWhenTheArmStopsItself) {
+  for (const ArmMode mode : {ArmMode::user_stopped, ArmMode::reflex}) {
+    shows(ArmMode::move);
+    const int client = 0;
+    EXPECT_EQ(send(follow(0.03), client), "");
+    shows(mode);
+    handler_.end_following();
+    EXPECT_EQ(grippers_.widths.back(), -1);
+    EXPECT_THAT(send(follow(0.01), client), HasSubstr("is " + std::string(to_string(mode))));
+    shows(ArmMode::move);
+    EXPECT_THAT(send(follow(0.01), client), HasSubstr("once it has paused"));
+    handler_.end_following(&client);
+  }
 }
 
 TEST_F(RequestsTest, StateNamesErrorsAndTheReasonOfAStop) {

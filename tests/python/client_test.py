@@ -676,6 +676,10 @@ class Gripper(unittest.TestCase):
             with self.assertRaisesRegex(mp.Refused, "stopped"):
                 until(follows, "the refusal")
             run.resume()
+            with self.assertRaisesRegex(mp.Refused, "paused"):  # the same stream
+                until(follows, "the refusal")
+            resumed = time.monotonic()
+            until(lambda: time.monotonic() > resumed + 1.2, "the stream's silence")
             until(follows, "following again")
             hand.hold()
 
