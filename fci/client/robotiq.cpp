@@ -179,8 +179,7 @@ void Robotiq::connect() {
     return fail(std::string("its port cannot be set: ") + std::strerror(errno));
   std::optional<Status> status;
   for (const HostTime end = after(kLost); !status && host_now() < end;) status = read();
-  constexpr const char* kSilent = "it does not answer";
-  if (!status && !known_) return fail(kSilent);
+  if (!status && !known_) return fail("it does not answer");  // one that is known is there when it answers
   if (status) {
     const std::lock_guard lock(mutex_);
     known_ = true;
@@ -196,7 +195,6 @@ void Robotiq::connect() {
   present_ = status.has_value();
   ending_ = false;
   thread_ = std::thread([this] { run(); });  // also if it is silent: what ends its motion is still sent
-  if (!status) throw std::runtime_error(who_ + ": " + kSilent + "; look at its supply and cable");
 }
 
 // The answer to a request, without its check; empty: none, or a damaged one.
@@ -409,7 +407,7 @@ std::future<RequestAnswer> Robotiq::request(const GripperRequest& request) {
   if (!present_)
     return refuse_request(who_ +
                           " does not answer: a stop is sent nevertheless; look at its supply "
-                          "and cable, then reconnect the arm");
+                          "and cable, and restart the run if its port was gone");
   if (auto why = check(request); !why.empty()) return refuse_request(std::move(why));
   if (follow != nullptr) {
     if (auto why = impossible(follow->speed, follow->force); !holds && !why.empty())
