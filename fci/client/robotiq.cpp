@@ -156,7 +156,10 @@ void Robotiq::disconnect(const std::string& why) {
     if (write(command_)) written_ = command_;
   finish(false, why);
   present_ = moving_ = false;
-  if (file_ >= 0) ::close(file_);
+  if (file_ >= 0) {
+    (void)::ioctl(file_, TIOCNXCL);
+    ::close(file_);
+  }
   file_ = -1;
 }
 
@@ -281,7 +284,7 @@ void Robotiq::turn(const Status& status) {
   moving_ = answer_.has_value() || (phase_ == Phase::follow && !settled);
   const bool activates = phase_ == Phase::reset || phase_ == Phase::activate;
   if (!status.active && !activates && (command_.action & kActivate) != 0) {
-    command_ = {};  // anything else would activate it, which moves its fingers
+    command_ = {};  // no command that activates it, since its fingers then move
     phase_ = Phase::idle;
     max_width_ = 0;
     moving_ = false;

@@ -379,8 +379,7 @@ TEST(Robotiq, WhatHoldsOnASilentLineStaysHeld) {
   EXPECT_TRUE(Rig::until([&] { return !rig.device.goes(); }));
 }
 
-// A program that ends or dies: it ends what moves, the next one too, and that one moves nothing before it
-// homes.
+// A program that ends stops what moves; the next one, too, and it moves nothing before homing.
 TEST(Robotiq, NoMotionOutlivesItsProgram) {
   Rig rig;
   rig.home();
