@@ -9,6 +9,7 @@
 #include <sys/socket.h>
 #include <system_error>
 #include <unistd.h>
+#include <utility>
 
 #include "fci/wire/gripper.hpp"
 
@@ -17,6 +18,7 @@ namespace {
 
 constexpr double kTimeout = 1.0;      // for immediate replies [s]
 constexpr double kSmallStep = 0.002;  // of a followed width [m]
+constexpr double kStale = 0.5;        // without a state [s]; a hand sends several in this time
 
 HostTime after(double seconds) {
   return host_now() + std::chrono::nanoseconds(static_cast<std::int64_t>(1e9 * seconds));
@@ -109,6 +111,7 @@ void EndEffectorConnection::connect() {
   {
     const std::lock_guard lock(mutex_);
     number_ = 0;
+    state_ns_ = 0;
     order_.reset();
     following_.reset();
     connected_ = true;
@@ -149,10 +152,16 @@ std::future<RequestAnswer> EndEffectorConnection::request(const GripperRequest& 
   if (const auto* desired = std::get_if<GripperFollow>(&request); desired != nullptr && !is_vacuum()) {
     if (auto why = check(request); !why.empty()) return refuse_request(std::move(why));
     if (!following_ && !desired->width) return answer_now({.success = true, .reason = {}});
+    if (desired->width && is_stale())
+      return refuse_request(who_ +
+                            " follows no widths: its states (UDP) do not arrive; check the firewall and "
+                            "reconnect the arm");
     if (!following_) {
       sent_width_ = width_;
       blocked_ = false;
+      failed_.clear();
     }
+    if (desired->width && !failed_.empty()) return refuse_request(std::exchange(failed_, {}));
     if (desired->width) following_ = *desired;
     follow_until_ = after(desired->width ? desired->silence : 0);
     const std::uint64_t one = 1;
@@ -161,41 +170,54 @@ std::future<RequestAnswer> EndEffectorConnection::request(const GripperRequest& 
   }
   Request entry;
   auto future = entry.answer.get_future();
+  if (std::holds_alternative<GripperStop>(request)) following_.reset();  // even if it cannot be sent
   std::string why = begin(request, std::move(entry));
   if (!why.empty()) return refuse_request(std::move(why));
   following_.reset();
   return future;
 }
 
+bool EndEffectorConnection::is_stale() const {
+  return host_now().ns > state_ns_ + static_cast<std::int64_t>(1e9 * kStale);
+}
+
+// Ends the following, and its motion. With the mutex.
+void EndEffectorConnection::hold() {
+  const double speed = following_->speed;
+  following_.reset();
+  if (running_.empty() || !running_.back().follows) return;
+  const bool grasps = running_.back().grasps;
+  if (grasps && grasped_) return;
+  if (grasps || is_stale()) {
+    (void)begin(GripperStop{}, {});
+  } else {
+    (void)begin(GripperMove{width_, speed}, {.follows = true});
+  }
+}
+
 // The next move to the newest width, if one is due. With the mutex.
 void EndEffectorConnection::follow() {
   if (!following_) return;
-  const double width = width_, most = max_width_;
-  const auto move_to = [&](double to) {
-    sent_width_ = to;
-    blocked_ = false;
-    const std::string why = begin(GripperMove{to, following_->speed}, {.follows = true});
-    if (!why.empty()) following_.reset();
-  };
-  if (host_now() >= follow_until_) {
-    if (!running_.empty() && running_.back().follows) move_to(width);
-    return following_.reset();
-  }
+  if (host_now() >= follow_until_ || is_stale()) return hold();
   if (!running_.empty()) return;
+  const double width = width_, most = max_width_;
   const double to = most > 0 ? std::min(*following_->width, most) : *following_->width;
   if (grasped_ && to < width + kSmallStep) return;
+  std::string why;
   if (blocked_ && to <= sent_width_ && width > to + kSmallStep) {
     blocked_ = false;
-    const std::string why = begin(GripperGrasp{.width = width,
-                                               .speed = following_->speed,
-                                               .force = following_->force,
-                                               .tolerance_inner = 1,
-                                               .tolerance_outer = 1},
-                                  {});
-    if (!why.empty()) following_.reset();
+    why = begin(GripperGrasp{.width = width,
+                             .speed = following_->speed,
+                             .force = following_->force,
+                             .tolerance_inner = 1,
+                             .tolerance_outer = 1},
+                {.follows = true, .grasps = true});
   } else if (std::abs(to - sent_width_) >= kSmallStep) {
-    move_to(to);
+    sent_width_ = to;
+    blocked_ = false;
+    why = begin(GripperMove{to, following_->speed}, {.follows = true});
   }
+  if (!why.empty()) following_.reset();
 }
 
 void EndEffectorConnection::run() {
@@ -243,8 +265,10 @@ void EndEffectorConnection::answer_requests() {
       if (decode_gripper_reply(reply->payload, status) != WireResult::ok) {
         throw ConnectionError(ConnectionError::Kind::protocol, who_ + " sent an invalid reply");
       }
-      if (request.follows) blocked_ = status == GripperStatus::unsuccessful;
-      request.answer.set_value(answer_of(status, protocol_->is_vacuum()));
+      RequestAnswer answer = answer_of(status, protocol_->is_vacuum());
+      if (request.follows && !request.grasps) blocked_ = status == GripperStatus::unsuccessful;
+      if (request.follows && status == GripperStatus::fail) failed_ = who_ + ": " + answer.reason;
+      request.answer.set_value(std::move(answer));
       return true;
     }
     if (now < request.give_up) return false;
@@ -270,6 +294,7 @@ void EndEffectorConnection::read_states() {
     width_.store(state.width, std::memory_order_relaxed);
     max_width_.store(state.max_width, std::memory_order_relaxed);
     grasped_.store(state.grasped, std::memory_order_relaxed);
+    state_ns_.store(host_now().ns, std::memory_order_relaxed);
     number_.store(number, std::memory_order_release);
   }
 }

@@ -40,7 +40,8 @@ class EndEffectorProtocol {
 //
 // Widths to follow: the protocol has whole motions only, so the newest width is sent as a move when none runs
 // and the last one was at least 2 mm away; what ends a closing move early is grasped. In silence a move that
-// runs is replaced by one to the present width: a stop would switch the motor off.
+// runs is replaced by one to the present width: a stop would switch the motor off. It is stopped all
+// the same if that width is not known, as is a grasp that holds nothing yet. Nothing follows without states.
 //
 // connect(), request() from any thread; state() from the loop.
 class EndEffectorConnection final : public EndEffector {
@@ -65,10 +66,13 @@ class EndEffectorConnection final : public EndEffector {
     std::uint32_t command_id = 0;
     HostTime give_up{};
     std::promise<RequestAnswer> answer;
-    bool follows = false;  // a move to a width that is followed
+    bool follows = false;  // belongs to the widths that are followed
+    bool grasps = false;   // of these: what ended a move
   };
   std::string begin(const GripperRequest& request, Request entry);
   void follow();
+  void hold();
+  bool is_stale() const;  // its states do not arrive
   void run();
   void disconnect(const std::string& why);
   void read_states();
@@ -86,6 +90,7 @@ class EndEffectorConnection final : public EndEffector {
   HostTime follow_until_{};
   double sent_width_ = 0;  // of the last move to a followed width [m]
   bool blocked_ = false;   // that move ended before its width
+  std::string failed_;     // why the hand did not carry out a followed width; empty: it did, or it was told
   bool connected_ = false;
   std::atomic<bool> ending_{false};
   std::thread thread_;
@@ -93,6 +98,7 @@ class EndEffectorConnection final : public EndEffector {
   DatagramOrder order_;  // of the states; the connection's thread
   // The last reported values. Separate atomics: the loop must not wait, and mixed values are harmless.
   std::atomic<std::uint32_t> number_{0};
+  std::atomic<std::int64_t> state_ns_{0};  // host time of the newest state; 0: none yet
   std::atomic<double> width_{0}, max_width_{0};
   std::atomic<bool> present_{false}, grasped_{false}, moving_{false};
 };

@@ -1,6 +1,8 @@
 // Both gripper connections with both ports of virtual arms: whole motions over loopback, in simulated time.
 #include <arpa/inet.h>
 #include <array>
+#include <atomic>
+#include <functional>
 #include <sys/socket.h>
 #include <thread>
 #include <unistd.h>
@@ -176,6 +178,7 @@ TEST(GripperLink, WhatAClosingMoveEndsOnIsGraspedAndKeptUntilAWiderWidth) {
     }
     EXPECT_TRUE(condition());
   };
+  (void)next_state(*link);
   until(0.02, [&] { return link->state().grasped; });
   EXPECT_NEAR(link->state().width, 0.04, 2e-3);
   EXPECT_TRUE(wait(link->request(GripperFollow{})).success);
@@ -276,9 +279,29 @@ class ToldGripper {
     (void)encode_gripper_connect_reply(header.command_id, GripperStatus::success, kGripperVersion, reply);
     ASSERT_EQ(::send(tcp_, reply.data(), reply.size(), 0), static_cast<ssize_t>(reply.size()));
   }
-  void send(std::uint32_t number, double width, bool own_port = true) {
+  // The client's next request.
+  GripperCommand next() {
+    const timeval patience{.tv_sec = 20, .tv_usec = 0};
+    ::setsockopt(tcp_, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    std::array<std::byte, kMaxGripperRequestSize> bytes{};
+    const auto head = std::span(bytes).first(kGripperHeader);
+    EXPECT_EQ(::recv(tcp_, bytes.data(), kGripperHeader, MSG_WAITALL), static_cast<ssize_t>(kGripperHeader));
+    EXPECT_EQ(decode(HeaderKind::gripper, head, asked_), WireResult::ok);
+    const std::size_t left = std::min<std::size_t>(asked_.size, bytes.size()) - kGripperHeader;
+    if (left > 0) EXPECT_EQ(::recv(tcp_, bytes.data(), left, MSG_WAITALL), static_cast<ssize_t>(left));
+    return static_cast<GripperCommand>(asked_.command);
+  }
+  // To the last one.
+  void answer(GripperStatus status) {
+    std::array<std::byte, kGripperReplySize> reply{};
+    (void)encode_gripper_reply(static_cast<std::uint16_t>(asked_.command), asked_.command_id, status, reply);
+    ASSERT_EQ(::send(tcp_, reply.data(), reply.size(), 0), static_cast<ssize_t>(reply.size()));
+  }
+  void send(std::uint32_t number, double width, bool own_port = true, bool grasped = false) {
     std::array<std::byte, kGripperStateSize> bytes{};
-    (void)encode_gripper(fci::GripperState{.message_id = number, .width = width}, bytes);
+    (void)encode_gripper(
+        fci::GripperState{.message_id = number, .width = width, .max_width = 0.08, .is_grasped = grasped},
+        bytes);
     EXPECT_GT(::sendto(udp_[own_port ? 0 : 1], bytes.data(), bytes.size(), 0,
                        reinterpret_cast<const sockaddr*>(&client_), sizeof client_),
               0);
@@ -291,6 +314,7 @@ class ToldGripper {
     at.sin_addr.s_addr = ::inet_addr(address);
     return at;
   }
+  MessageHeader asked_;
   sockaddr_in at_, client_{};
   int listener_ = -1, tcp_ = -1;
   std::array<int, 2> udp_{-1, -1};
@@ -324,6 +348,95 @@ TEST(GripperLink, OneWrongDatagramDoesNotDeafenIt) {
   gripper.send(kFar + 1, 0.04);
   ASSERT_TRUE(reaches(kFar + 1)) << states.state_number();
   EXPECT_EQ(link->state().width, 0.04);
+}
+
+// A gripper whose states come or do not, and a stream of widths to it.
+class ToldLink : public testing::Test {
+ protected:
+  ToldLink() : gripper_("127.1.60.9"), link_(gripper_link("hand", "127.1.60.9", gripper_.port())) {
+    std::thread connecting([&] { link_->connect(); });
+    gripper_.accept();
+    connecting.join();
+  }
+  static bool until(const auto& condition) {
+    const HostTime begun = host_now();
+    while (host_now() - begun < std::chrono::seconds(20)) {
+      if (condition()) return true;
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    return false;
+  }
+  std::string follow(double width) {
+    return wait(link_->request(GripperFollow{.width = width, .silence = 1})).reason;
+  }
+  // A stream closes the fingers, its move ends early, and a grasp begins.
+  void grasp(const std::function<void()>& then = [] {}) {
+    const std::jthread stream([&](const std::stop_token& stop) {
+      for (; !stop.stop_requested(); std::this_thread::sleep_for(std::chrono::milliseconds(10))) {
+        tell();
+        (void)follow(0.02);
+      }
+    });
+    EXPECT_EQ(gripper_.next(), GripperCommand::move);
+    gripper_.answer(GripperStatus::unsuccessful);
+    EXPECT_EQ(gripper_.next(), GripperCommand::grasp);
+    then();
+  }
+  void tell() { gripper_.send(++number_, 0.05, true, grasped_); }
+
+  ToldGripper gripper_;
+  std::unique_ptr<EndEffector> link_;
+  std::atomic<bool> grasped_{false};
+  std::uint32_t number_ = 0;
+};
+
+// Where the fingers are is not known then: a move to the last known width might close them.
+TEST_F(ToldLink, WithoutStatesNothingIsFollowedAndAMoveIsStopped) {
+  EXPECT_NE(follow(0.08).find("states (UDP) do not arrive"), std::string::npos);
+  EXPECT_TRUE(until([&] {
+    tell();
+    return follow(0.08).empty();
+  }));
+  EXPECT_EQ(gripper_.next(), GripperCommand::move);
+  EXPECT_EQ(gripper_.next(), GripperCommand::stop);
+  EXPECT_NE(follow(0.08).find("states (UDP) do not arrive"), std::string::npos);
+}
+
+// It would close on whatever comes between the fingers.
+TEST_F(ToldLink, AHoldStopsAGraspThatHoldsNothingYet) {
+  grasp();
+  EXPECT_TRUE(wait(link_->request(GripperFollow{})).success);
+  EXPECT_EQ(gripper_.next(), GripperCommand::stop);
+}
+
+TEST_F(ToldLink, AHoldLeavesAGraspThatHoldsSomething) {
+  grasp([&] {
+    grasped_ = true;
+    EXPECT_TRUE(until([&] { return link_->state().grasped; }));
+  });
+  EXPECT_TRUE(wait(link_->request(GripperFollow{})).success);
+  // Answered, and sent, after the hold: its thread has a turn in between.
+  for (int k = 0; k < 20; ++k, std::this_thread::sleep_for(std::chrono::milliseconds(10))) tell();
+  const auto homing = link_->request(GripperHoming{});
+  EXPECT_EQ(gripper_.next(), GripperCommand::homing);
+}
+
+// As when it has not been homed.
+TEST_F(ToldLink, AFailureIsToldOnce) {
+  std::string why;
+  EXPECT_TRUE(until([&] {
+    tell();
+    return follow(0.02).empty();
+  }));
+  EXPECT_EQ(gripper_.next(), GripperCommand::move);
+  gripper_.answer(GripperStatus::fail);
+  EXPECT_TRUE(until([&] {
+    tell();
+    why = follow(0.02);
+    return !why.empty();
+  }));
+  EXPECT_NE(why.find("needs homing"), std::string::npos) << why;
+  EXPECT_EQ(follow(0.02), "");
 }
 
 TEST(VacuumLink, HoldsAndDropsAPart) {

@@ -156,7 +156,10 @@ void Robotiq::disconnect(const std::string& why) {
     if (write(command_)) written_ = command_;
   finish(false, why);
   present_ = moving_ = false;
-  if (file_ >= 0) ::close(file_);
+  if (file_ >= 0) {
+    (void)::ioctl(file_, TIOCNXCL);
+    ::close(file_);
+  }
   file_ = -1;
 }
 
@@ -179,8 +182,7 @@ void Robotiq::connect() {
     return fail(std::string("its port cannot be set: ") + std::strerror(errno));
   std::optional<Status> status;
   for (const HostTime end = after(kLost); !status && host_now() < end;) status = read();
-  constexpr const char* kSilent = "it does not answer";
-  if (!status && !known_) return fail(kSilent);
+  if (!status && !known_) return fail("it does not answer");  // one that is known is there when it answers
   if (status) {
     const std::lock_guard lock(mutex_);
     known_ = true;
@@ -196,7 +198,6 @@ void Robotiq::connect() {
   present_ = status.has_value();
   ending_ = false;
   thread_ = std::thread([this] { run(); });  // also if it is silent: what ends its motion is still sent
-  if (!status) throw std::runtime_error(who_ + ": " + kSilent + "; look at its supply and cable");
 }
 
 // The answer to a request, without its check; empty: none, or a damaged one.
@@ -283,7 +284,7 @@ void Robotiq::turn(const Status& status) {
   moving_ = answer_.has_value() || (phase_ == Phase::follow && !settled);
   const bool activates = phase_ == Phase::reset || phase_ == Phase::activate;
   if (!status.active && !activates && (command_.action & kActivate) != 0) {
-    command_ = {};  // anything else would activate it, which moves its fingers
+    command_ = {};  // no command that activates it, since its fingers then move
     phase_ = Phase::idle;
     max_width_ = 0;
     moving_ = false;
@@ -409,7 +410,7 @@ std::future<RequestAnswer> Robotiq::request(const GripperRequest& request) {
   if (!present_)
     return refuse_request(who_ +
                           " does not answer: a stop is sent nevertheless; look at its supply "
-                          "and cable, then reconnect the arm");
+                          "and cable, and restart the run if its port was gone");
   if (auto why = check(request); !why.empty()) return refuse_request(std::move(why));
   if (follow != nullptr) {
     if (auto why = impossible(follow->speed, follow->force); !holds && !why.empty())

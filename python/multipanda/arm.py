@@ -114,7 +114,8 @@ class Gripper(_Device):
             False if the run has not answered earlier ones yet, and this one was dropped.
 
         Raises:
-            Refused: An earlier one was: the arm is stopped, has no hand, or another client's widths are followed.
+            Refused: An earlier one was: the arm is stopped, has no hand, another client's widths are followed, or this
+                stream was ended and has to pause for `silence_s` first.
             ValueError: The width is not a finite number.
         """
         if not np.isfinite(width_m):

@@ -415,9 +415,12 @@ void RequestHandler::take_gripper(ArmIndex arm, const GripperRequest& request, P
     throw RequestRefused("arm_refused", "the gripper of arm '" + run_.modes->arm_name(arm) +
                                             "' follows widths of another client: end that stream first, or "
                                             "'stop' the gripper; a move that opens it is accepted");
-  if (auto why = check(request); !ends && !why.empty()) throw RequestRefused("arm_refused", why);
-  if (const auto* follow = std::get_if<GripperFollow>(&request); follow != nullptr && !ends)
-    return take_width(arm, *follow, gripper, pending);
+  const auto* follow = ends ? nullptr : std::get_if<GripperFollow>(&request);
+  if (auto why = check(request); !ends && !why.empty()) {
+    if (follow == nullptr) return;  // refused next
+    throw RequestRefused("arm_refused", why);
+  }
+  if (follow != nullptr) return take_width(arm, *follow, gripper, pending);
   gripper.end(now, !own || std::holds_alternative<GripperStop>(request));
 }
 

@@ -935,7 +935,7 @@ TEST_F(FollowingTest, OfOneClientUntilItIsGoneOrItsArmIsStopped) {
   EXPECT_EQ(grippers_.widths.back(), -1);
 }
 
-// Who is followed is still known when it is gone, and a stop of its arm does not ask.
+// A gone client is still known as the one that is followed, and a stop of the arm does not ask.
 TEST_F(FollowingTest, EndsInAHoldAfterARefusedRequest) {
   EXPECT_EQ(send(follow(0.03), one_), "");
   EXPECT_THAT(send(old_width(), one_), HasSubstr("s old"));
