@@ -138,8 +138,8 @@ TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& re
   if (gains.acceleration_feedforward) {
     const Matrix6& Lambda = terms.task().Lambda;
     const Vector6 change = Lambda * (target.A_d.vector - memory.A_d);
-    feed(target.A_d.vector, rate_share(terms.J_V_WE().transpose().lazyProduct(change), terms.model(), dt),
-         memory.A_d);
+    const JointVector torque = terms.J_V_WE().transpose().lazyProduct(change);
+    feed(target.A_d.vector, gains.is_smooth ? 1 : rate_share(torque, terms.model(), dt), memory.A_d);
     force.total.noalias() += Lambda * memory.A_d;
   } else {
     memory.A_d.setZero();

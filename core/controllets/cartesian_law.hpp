@@ -38,6 +38,7 @@ struct ImpedanceGains {
   double damping_ratio = 1;         // zeta
   StiffnessAxes axes = StiffnessAxes::world;
   bool acceleration_feedforward = true;
+  bool is_smooth = false;  // the set-point's own jerk is limited: its acceleration is fed forward as it is
   ContactBounds contact = ContactBounds::lifted();
   DampingOf damping_of = DampingOf::error;
   bool damping_given = false;                       // D_c from the two below, in the axes of the stiffness

@@ -39,7 +39,8 @@ class PoseFollower final : public Controllet {
     OwnedArm& arm = context.arms[0];
     const ParameterSet& parameters = *context.parameters;
     lead(context);
-    const ImpedanceGains gains = impedance_gains(parameters, context.contact);
+    ImpedanceGains gains = impedance_gains(parameters, context.contact);
+    gains.is_smooth = true;
     const bool left_behind = follows_.left_behind(led_.X(), context.contact);
     const double strain = follows_.strain(arm.terms->X_WE(), gains);
     if (clutch_.turn(parameters.flag(kClutch), left_behind, strain, context.dt)) {

@@ -255,6 +255,7 @@ class Teleoperation final : public Controllet {
     const CartesianTarget target = follows_.target();
     ModelTerms& terms = *arm.terms;
     ImpedanceGains gains = impedance_gains(parameters, context.contact);
+    gains.is_smooth = true;
     const TaskForce force = impedance_force(gains, target, terms, context.dt, memory_);
     context.outputs[kStiffnessShare] = gains.soften(target.X_W_d.rotation, terms);
     const Vector6 V = terms.V_WE().vector;
