@@ -38,13 +38,13 @@ struct ImpedanceGains {
   double damping_ratio = 1;         // zeta
   StiffnessAxes axes = StiffnessAxes::world;
   bool acceleration_feedforward = true;
-  bool is_smooth = false;  // the set-point's own jerk is limited: its acceleration is fed forward as it is
   ContactBounds contact = ContactBounds::lifted();
   DampingOf damping_of = DampingOf::error;
   bool damping_given = false;                       // D_c from the two below, in the axes of the stiffness
   Vector3 translational_damping = Vector3::Zero();  // [N s/m]
   Vector3 rotational_damping = Vector3::Zero();     // [N m s/rad]
   bool coriolis_feedforward = false;                // C_c V_d
+  bool is_smooth = false;  // the set-point's own jerk is limited: its acceleration is fed forward as it is
 
   Matrix3 axes_at(const Matrix3& R_W_d) const;          // of the stiffnesses, world axes
   TaskStiffness stiffness(const Matrix3& R_W_d) const;  // world axes, for the set-point's orientation
