@@ -187,52 +187,5 @@ TEST(UnevenStreams, StepsOfALeaderDoNotShakeJointsAgainstEachOther) {
   }
 }
 
-// Goals of a few millimeters that replace each other change their acceleration within 0.1 s, most where a
-// joint is turned by a light wrist. What is fed forward of that leaves the torque rate free: one cycle in a
-// thousand at most is limited.
-TEST(UnevenStreams, SmallGoalsThatReplaceEachOtherNeedNoRateLimit) {
-  constexpr int kCycles = 8000;
-  const Registry registry = Registry::with_builtins();
-  const Scene scene = parse_scene(
-      "plant: {fidelity: realistic}\n"
-      "arms: [{name: arm, model: fr3, hand: false, start_rad: [0.22, 0.15, 0.02, -2.02, -0.91, 1.45, 1.74],\n"
-      "  tool: {mass_kg: 0.7, com_m: [0, 0, 0.07], inertia_kg_m2: {xx: 0.0014, yy: 0.0014, zz: 0.0006}}}]\n"
-      "controllets: [{name: law, type: cartesian_impedance, arms: arm}]\n"
-      "active: [law]\n",
-      "goals.yaml", registry);
-  const auto within = [](std::mt19937& random, double size) {
-    std::uniform_real_distribution<double> side(-size, size);
-    return Vector3(side(random), side(random), side(random));
-  };
-  int all = 0;
-  for (const std::uint32_t seed : {2U, 3U, 4U}) {
-    MujocoBackend backend(scene, {.pace = Pace::unpaced});
-    ControlCycle cycle(build_cycle_config(scene), registry, backend);
-    MultimodeController& modes = cycle.modes();
-    modes.activate_at_start(start_set(scene, modes));
-    Reference& input = modes.instance(modes.find("law")).inputs()[0];
-    backend.start();
-    std::mt19937 random(seed);
-    Pose start;
-    double moved = 0;
-    for (int k = 0, next = 100; k < kCycles; ++k) {
-      if (k == 50) start = input.pose();
-      if (k == next) {
-        const Pose X{exp_rotation(within(random, 0.015)) * start.rotation,
-                     start.position + within(random, 0.003)};
-        ASSERT_EQ(input.post(pose_target(X, 0)), Verdict::accepted);
-        next = k + 30 + std::uniform_int_distribution<int>(0, 120)(random);
-      }
-      cycle.step(backend.wait());
-      if (k > 100) moved = std::max(moved, (input.pose().position - start.position).norm());
-    }
-    const auto limited = static_cast<int>(cycle.safety().counted(0, Intervention::torque_rate_clamped));
-    std::printf("small goals, seed %u: rate-limited cycles %d\n", seed, limited);
-    EXPECT_GT(moved, 0.002);
-    all += limited;
-  }
-  EXPECT_LT(all, 3 * kCycles / 1000);
-}
-
 }  // namespace
 }  // namespace multipanda::uneven_streams_test

@@ -43,7 +43,6 @@ class CartesianImpedance final : public Controllet {
 
   LawResult start(ControlContext& context) override {
     q_start_ = q_N_ = context.arms[0].q();
-    memory_ = {};
     return LawResult::ok;
   }
 
@@ -56,7 +55,7 @@ class CartesianImpedance final : public Controllet {
     TaskForce force;
     const LawResult result = cartesian_impedance_law(
         impedance_gains(parameters, context.contact), null_space_gains(parameters, context.contact),
-        CartesianTarget::of(context.inputs[kPose]), arm, q_N_, context.dt, memory_, force);
+        CartesianTarget::of(context.inputs[kPose]), arm, q_N_, force);
     force.report(context.inputs[kPose]);
     show(force, context.outputs);
     return result;
@@ -92,7 +91,6 @@ class CartesianImpedance final : public Controllet {
   }
 
   JointVector q_start_, q_N_;
-  ImpedanceMemory memory_;
 };
 
 }  // namespace

@@ -117,8 +117,7 @@ Matrix6 damped_inertia(ModelTerms& terms) {
   return task_with_motors(terms).Lambda;
 }
 
-TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms,
-                          double dt, ImpedanceMemory& memory) {
+TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms) {
   ImpedanceGains gains = asked;
   const double stiffness_share = gains.soften(requested.X_W_d.rotation, terms);
   const CartesianTarget target = gains.led(requested);
@@ -135,15 +134,7 @@ TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& re
   } else {
     force.total.noalias() += D * (target.V_d.vector - V);
   }
-  if (gains.acceleration_feedforward) {
-    const Matrix6& Lambda = terms.task().Lambda;
-    const Vector6 change = Lambda * (target.A_d.vector - memory.A_d);
-    const JointVector torque = terms.J_V_WE().transpose().lazyProduct(change);
-    feed(target.A_d.vector, gains.is_smooth ? 1 : rate_share(torque, terms.model(), dt), memory.A_d);
-    force.total.noalias() += Lambda * memory.A_d;
-  } else {
-    memory.A_d.setZero();
-  }
+  if (gains.acceleration_feedforward) force.total.noalias() += terms.task().Lambda * target.A_d.vector;
   if (gains.coriolis_feedforward) force.total += terms.task_coriolis(target.V_d.vector);
   force.damping = D * V;
   if (!std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) return force;
@@ -246,9 +237,9 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
 
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,
                                   const CartesianTarget& target, OwnedArm& arm, const JointVector& q_N,
-                                  double dt, ImpedanceMemory& memory, TaskForce& force) {
+                                  TaskForce& force) {
   ModelTerms& terms = *arm.terms;
-  force = impedance_force(gains, target, terms, dt, memory);
+  force = impedance_force(gains, target, terms);
   *arm.tau = terms.c() + null_space_torque(null_space, arm, q_N);
   *arm.tau += terms.J_V_WE().transpose().lazyProduct(force.total);
   return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;

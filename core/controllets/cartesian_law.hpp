@@ -4,7 +4,6 @@
 
 #include "core/controllets/controllet.hpp"
 #include "core/controllets/damping_design.hpp"
-#include "core/controllets/feedforward.hpp"
 #include "core/controllets/task_spring.hpp"
 
 // Cartesian impedance of one arm, shared by all Cartesian controllets. Loop thread, no allocation.
@@ -44,7 +43,6 @@ struct ImpedanceGains {
   Vector3 translational_damping = Vector3::Zero();  // [N s/m]
   Vector3 rotational_damping = Vector3::Zero();     // [N m s/rad]
   bool coriolis_feedforward = false;                // C_c V_d
-  bool is_smooth = false;  // the set-point's own jerk is limited: its acceleration is fed forward as it is
 
   Matrix3 axes_at(const Matrix3& R_W_d) const;          // of the stiffnesses, world axes
   TaskStiffness stiffness(const Matrix3& R_W_d) const;  // world axes, for the set-point's orientation
@@ -96,15 +94,9 @@ struct TaskForce {
   }
 };
 
-// Of one hand's impedance; a new one for each start.
-struct ImpedanceMemory {
-  Vector6 A_d = Vector6::Zero();  // that is fed forward
-};
-
 // K_c x~ + D_c (V_d - V) + Lambda A_d [+ C_c V_d]; with DampingOf::velocity -D_c V. `asked` is limited for
-// stability (damping_design.hpp), Lambda A_d in its rate (feedforward.hpp).
-TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms,
-                          double dt, ImpedanceMemory& memory);
+// stability (damping_design.hpp).
+TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms);
 
 // tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M) or given. With N^T, the damping is
 // dissipative for any projector; -D_N dq inside N is not, unless N is symmetric and D_N the same for all
@@ -119,7 +111,7 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
 // The complete law: tau = J^T F + tau_null + C dq. Returns fault if the torque is not finite.
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,
                                   const CartesianTarget& target, OwnedArm& arm, const JointVector& q_N,
-                                  double dt, ImpedanceMemory& memory, TaskForce& force);
+                                  TaskForce& force);
 
 // --- descriptor parts shared by Cartesian controllets ---
 enum CartesianParameter : std::size_t {

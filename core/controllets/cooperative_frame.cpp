@@ -98,15 +98,6 @@ void brake(const Matrix3& R_d, const ImpedanceGains& absolute, const ImpedanceGa
   limit_modes(Lambda, kLargestModalDamping, D);
 }
 
-double rate_share(const CooperativeFrame& frame, const Eigen::Matrix<double, 12, 1>& change,
-                  std::span<const OwnedArm> arms, double dt) {
-  const auto share = [&](const OwnedArm& arm, const Vector6& F) {
-    return rate_share(arm.terms->J_V_WE().transpose().lazyProduct(F), arm.model(), dt);
-  };
-  return std::min(share(arms[0], frame.first_wrench(change.head<6>(), change.tail<6>())),
-                  share(arms[1], frame.second_wrench(change.head<6>(), change.tail<6>())));
-}
-
 InputSpec shared_frame_input() {
   return {
       .name = "pose",

@@ -67,10 +67,6 @@ double soften(const CooperativeFrame& frame, OwnedArm& first, OwnedArm& second, 
 void brake(const Matrix3& R_d, const ImpedanceGains& absolute, const ImpedanceGains& relative,
            const Matrix12& Lambda, Matrix12& D);
 
-// rate_share() of both arms, for a change of the force in these coordinates (12 x 1).
-double rate_share(const CooperativeFrame& frame, const Eigen::Matrix<double, 12, 1>& change,
-                  std::span<const OwnedArm> arms, double dt);
-
 // --- descriptor parts shared by laws of two coupled hands ---
 InputSpec shared_frame_input();  // X_WA
 ParameterSpec relative_translational_stiffness_parameter();

@@ -62,7 +62,6 @@ class CoupledDualCartesianImpedance final : public Controllet {
   LawResult start(ControlContext& context) override {
     for (std::size_t i = 0; i < 2; ++i) q_N_[i] = context.arms[i].q();
     offset_.start(Vector3::Zero());  // where the hands are
-    memory_ = {};
     return LawResult::ok;
   }
 
@@ -124,13 +123,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
       raise_modes(Lambda, Matrix12(kLeastDampingTime * K), D);
     brake(R_d, gains, relative_gains, Lambda, D);
     Vector12 force = D * velocity_error;
-    if (gains.acceleration_feedforward) {
-      const Vector12 change = Lambda.leftCols<6>() * Vector6(target.A_d.vector - memory_.A_d);
-      feed(target.A_d.vector, rate_share(frame, change, context.arms, context.dt), memory_.A_d);
-      force += Lambda.leftCols<6>() * memory_.A_d;
-    } else {
-      memory_.A_d.setZero();
-    }
+    if (gains.acceleration_feedforward) force += Lambda.leftCols<6>() * target.A_d.vector;
     if (gains.coriolis_feedforward) {
       force += frame.task_coriolis(*first.terms, *second.terms, target.V_d.vector);
     }
@@ -200,7 +193,6 @@ class CoupledDualCartesianImpedance final : public Controllet {
 
   std::array<Pose, 2> X_EA_;
   std::array<JointVector, 2> q_N_;
-  ImpedanceMemory memory_;
   OffsetReference offset_;
 };
 

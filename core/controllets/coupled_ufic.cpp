@@ -95,7 +95,6 @@ class CoupledUfic final : public Controllet {
     const Vector3 line = given.norm() > 1e-6 ? given : p_r_start_;
     if (!(line.norm() > 1e-6))
       return LawResult::fault;  // the hands coincide, so the line between them is undefined
-    A_d_.setZero();
     n_A_ = line.normalized();
     grasp_.start(n_A_.dot(p_r_start_));
     loop_.start();
@@ -127,7 +126,7 @@ class CoupledUfic final : public Controllet {
     Settings settings(*context.parameters, context.contact);
     const Matrix12 Lambda = inertia(context, frame);
     context.outputs[kStiffnessShare] = soften(settings, context, frame, Lambda);
-    CartesianTarget target = settings.absolute.led(CartesianTarget::of(context.inputs[kPose]));
+    const CartesianTarget target = settings.absolute.led(CartesianTarget::of(context.inputs[kPose]));
     const double dt = context.dt;
 
     update_energy_balance(context, frame, settings);
@@ -158,12 +157,7 @@ class CoupledUfic final : public Controllet {
       feedforward += frame.task_coriolis(*first.terms, *second.terms, target.V_d.vector);
     }
     if (settings.absolute.acceleration_feedforward) {
-      const Vector12 change = Lambda.leftCols<6>() * Vector6(target.A_d.vector - A_d_);
-      feed(target.A_d.vector, rate_share(frame, change, context.arms, context.dt), A_d_);
-      target.A_d.vector = A_d_;
-      feedforward += Lambda.leftCols<6>() * A_d_;
-    } else {
-      A_d_.setZero();
+      feedforward += Lambda.leftCols<6>() * target.A_d.vector;
     }
     feedforward.head<3>() += carried(settings, target, frame, dt);
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
@@ -466,7 +460,6 @@ class CoupledUfic final : public Controllet {
   std::array<Pose, 2> X_EA_;
   std::array<FeltWrench, 2> felt_;
   std::array<JointVector, 2> q_N_;
-  Vector6 A_d_;  // that is fed forward
   TankBalance balance_{2};
   Vector3 p_r_start_ = Vector3::Zero(), n_A_ = Vector3::UnitY();
   GraspSequence grasp_;

@@ -73,7 +73,6 @@ class DualCartesianImpedance final : public Controllet {
     offset_.start(context.parameters->goal_vector3(kOffset));
     for (std::size_t i = 0; i < 2; ++i) {
       q_N_[i] = context.arms[i].q();
-      memory_[i] = {};
       X_W_d_[i] = context.arms[i].terms->X_WE();
       blend_[i].capture(X_W_d_[i], rule(context, i).X_W_d, context.contact.hand_speed);
       shift_[i].clear();
@@ -103,8 +102,8 @@ class DualCartesianImpedance final : public Controllet {
       }
       X_W_d_[i] = target.X_W_d;
       TaskForce force;
-      if (cartesian_impedance_law(gains, null_space, target, context.arms[i], q_N_[i], context.dt, memory_[i],
-                                  force) != LawResult::ok) {
+      if (cartesian_impedance_law(gains, null_space, target, context.arms[i], q_N_[i], force) !=
+          LawResult::ok) {
         return LawResult::fault;
       }
       force.report(context.inputs[goals_ == kCommon ? kCommonPose : i == 0 ? kFirstPose : kSecondPose]);
@@ -158,7 +157,6 @@ class DualCartesianImpedance final : public Controllet {
   std::size_t goals_ = kCommon;
   OffsetReference offset_;
   std::array<JointVector, 2> q_N_;
-  std::array<ImpedanceMemory, 2> memory_;
   std::array<Pose, 2> X_W_d_;  // current set-points
   std::array<SetPointBlend, 2> blend_;
   std::array<SetPointShift, 2> shift_;

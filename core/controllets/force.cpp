@@ -65,7 +65,6 @@ class Force final : public Controllet {
     if (!arm.state->has_wrench_estimate)
       return LawResult::fault;  // without an estimate the force has no feedback
     q_N_ = arm.q();
-    memory_ = {};
     X_hold_ = arm.terms->X_WE();
     p_c_ = X_hold_.position;
     direction_.start(context.parameters->vector3(kPressDirection));
@@ -117,7 +116,7 @@ class Force final : public Controllet {
     target.V_d.linear() = n * speed;
 
     const ImpedanceGains gains = impedance_gains(parameters, context.contact);
-    TaskForce force = impedance_force(gains, target, terms, dt, memory_);
+    TaskForce force = impedance_force(gains, target, terms);
     const Vector3 spring = force.spring.head<3>();
     pull_share_ = n.dot(spring) > 0 ? force.bounded.force_share : 0;
     const double v_n = n.dot(Vector3(terms.V_WE().linear()));
@@ -207,7 +206,6 @@ class Force final : public Controllet {
   }
 
   JointVector q_N_;
-  ImpedanceMemory memory_;
   Pose X_hold_;
   Vector3 p_c_ = Vector3::Zero();  // last point of contact of the tool
   FeltWrench felt_;

@@ -138,7 +138,6 @@ class HybridForce final : public Controllet {
     if (!arm.state->has_wrench_estimate)
       return LawResult::fault;  // without an estimate the force has no feedback
     q_N_ = arm.q();
-    memory_ = {};
     felt_.start(arm);
     for (AxisForce& axis : axis_) axis.start();
     for (ForceRoom& room : room_) room.start();
@@ -172,8 +171,8 @@ class HybridForce final : public Controllet {
     const WeightedAxes axes = select(parameters, context);
     const CartesianTarget target = follow(axes, context);
     ImpedanceGains gains = impedance_gains(parameters, context.contact);
-    TaskForce force = impedance_force(gains, target, terms, context.dt, memory_);
     const double stiffness_share = gains.soften(target.X_W_d.rotation, terms);
+    TaskForce force = impedance_force(gains, target, terms);
     waits_ = std::max(force.bounded.force_share, force.bounded.moment_share) > kWaitsFrom;
     Vector6 command = Vector6::Zero();  // f, force frame
     if (axes.any()) {
@@ -485,7 +484,6 @@ class HybridForce final : public Controllet {
   }
 
   JointVector q_N_;
-  ImpedanceMemory memory_;
   FeltWrench felt_;
   std::array<AxisForce, kAxes> axis_;
   std::array<ForceRoom, 2> room_;       // of forces and of moments

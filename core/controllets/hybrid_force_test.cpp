@@ -156,20 +156,9 @@ TEST(HybridForce, TorqueIsTheStatedLaw) {
       if (!on[i]) moved += way.dot(R_before.col(i)) * R_before.col(i);
     error << start.position + moved - X.position, turn.angle() * turn.axis();
     const VectorXd V = J * dq;
-    // As the axes jump, what is fed forward follows by a quarter of the torque rate, in 1 ns (update()).
-    MatrixXd rest_before = MatrixXd::Identity(6, 6);
-    for (int i = 0; i < 6; ++i) {
-      const Vector3 axis = R_before.col(i % 3);
-      if (on[i]) rest_before.block(i / 3 * 3, i / 3 * 3, 3, 3) -= axis * axis.transpose();
-    }
-    const VectorXd fed = rest_before * pose.acceleration().vector;
-    const VectorXd jump = rest * pose.acceleration().vector - fed;
-    const VectorXd torques = (J.transpose() * Lambda * jump).cwiseAbs();
-    const VectorXd most = 0.25e-9 * bench.rig.terms(0).model().limits().tau_rate_max;
-    const double share = std::min(1.0, most.cwiseQuotient(torques).minCoeff());
     // For equal rotational stiffness the gradient of the spring is K r along any r.
-    const VectorXd P =
-        K.asDiagonal() * (rest * error) + D * (rest * pose.twist().vector) + Lambda * (fed + share * jump);
+    const VectorXd P = K.asDiagonal() * (rest * error) + D * (rest * pose.twist().vector) +
+                       Lambda * (rest * pose.acceleration().vector);
     const VectorXd F = rest * P - VectorXd(D * V) + f - D_f * V;
     const MatrixXd N = null_space_projector(J, M);
     const VectorXd D_N = 2 * (10 * M.diagonal().array()).sqrt();

@@ -56,7 +56,6 @@ class JointFollower final : public Controllet {
   LawResult start(ControlContext& context) override {
     const JointVector& q = context.arms[0].q();
     q_led_ = q_d_ = q_begin_ = q;
-    memory_ = {};
     yields_ = false;
     strain_ = 0;
     clutch_.start();
@@ -81,12 +80,10 @@ class JointFollower final : public Controllet {
     }
     JointGains gains{.stiffness = parameters.joints(kStiffness),
                      .damping_ratio = parameters.number(kDampingRatio),
-                     .is_smooth = true,
                      .elbow = &elbow};
     const JointTarget target{q_d_, motion_.velocity(), motion_.acceleration()};
     JointPull pull;
-    const LawResult result =
-        joint_impedance_law(gains, target, arm.dq(), context.contact, arm, context.dt, memory_, pull);
+    const LawResult result = joint_impedance_law(gains, target, arm.dq(), context.contact, arm, pull);
     resistance_.update(pull.torque, pull.share, context.dt);
     strain_ = pull.strain;
     context.outputs[kLargestError] = (q_d_ - arm.q()).lpNorm<Eigen::Infinity>();
@@ -173,7 +170,6 @@ class JointFollower final : public Controllet {
   JointVector q_led_, q_goal_, q_leader_, q_d_, q_begin_, q_yields_;
   FollowingMotion motion_;
   Resistance resistance_;
-  JointMemory memory_;
 };
 
 }  // namespace

@@ -1,6 +1,9 @@
+#include <algorithm>
+
 #include "core/controllets/builtins.hpp"
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/joint_law.hpp"
+#include "core/types/time.hpp"
 
 namespace multipanda {
 namespace {
@@ -64,7 +67,7 @@ class JointImpedance final : public Controllet {
 
   LawResult start(ControlContext& context) override {
     dq_ = context.arms[0].dq();
-    memory_ = {};
+    ddq_d_ = JointVector::Zero(dq_.size());
     return LawResult::ok;
   }
 
@@ -81,10 +84,10 @@ class JointImpedance final : public Controllet {
                            .damping_of = static_cast<DampingOf>(parameters.choice(kDampingOf))};
     const double weight = parameters.number(kVelocityWeight);
     dq_ = weight < 1 ? JointVector(weight * arm.dq() + (1 - weight) * dq_) : arm.dq();
-    const JointTarget target{reference.joints(), reference.joint_velocity(), reference.joint_acceleration()};
+    follow(reference.joint_acceleration(), context.dt, arm);
+    const JointTarget target{reference.joints(), reference.joint_velocity(), ddq_d_};
     JointPull pull;
-    if (joint_impedance_law(gains, target, dq_, context.contact, arm, context.dt, memory_, pull) !=
-        LawResult::ok)
+    if (joint_impedance_law(gains, target, dq_, context.contact, arm, pull) != LawResult::ok)
       return LawResult::fault;
     reference.resist(pull.torque, pull.share);
     context.outputs[kLargestError] = (target.q_d - arm.q()).lpNorm<Eigen::Infinity>();
@@ -107,10 +110,22 @@ class JointImpedance final : public Controllet {
   };
   enum Output : std::size_t { kLargestError, kLargestTorque, kStiffnessShare, kOutputCount };
 
+  // M ddq_d changes by at most this share of the torque rate, along its way. A set-point that catches up with
+  // a stream accelerates within milliseconds. Joints that turn about nearly one axis would then need more
+  // than the whole rate; cut joint by joint, their torques no longer balance and drive the light mode between
+  // them, and while they are cut, its damping comes too late.
+  static constexpr double kRateShare = 0.25;
+
+  void follow(const JointVector& ddq_d, double dt, const OwnedArm& arm) {
+    const JointVector way = ddq_d - ddq_d_, change = arm.terms->M().lazyProduct(way);
+    const JointVector most = kRateShare * std::min(dt, kArmPeriod) * arm.model().limits().tau_rate_max;
+    ddq_d_ += std::min(1.0, most.cwiseQuotient(change.cwiseAbs()).minCoeff()) * way;
+  }
+
   std::shared_ptr<const ArmModel> model_;
   JointVector bearable_;  // greatest damping of each joint [N m s/rad] (n x 1)
-  JointMemory memory_;
-  JointVector dq_;  // velocity that D sees [rad/s] (n x 1)
+  JointVector ddq_d_;     // that is fed forward [rad/s^2] (n x 1)
+  JointVector dq_;        // velocity that D sees [rad/s] (n x 1)
 };
 
 }  // namespace

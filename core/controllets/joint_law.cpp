@@ -117,8 +117,7 @@ ParameterSpec joint_damping_ratio_parameter() {
 }
 
 LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
-                              const ContactBounds& contact, OwnedArm& arm, double dt, JointMemory& memory,
-                              JointPull& pull) {
+                              const ContactBounds& contact, OwnedArm& arm, JointPull& pull) {
   const JointMatrix& M = arm.terms->M();
   const JointVector error = target.q_d - arm.q();
   JointMatrix K = gains.stiffness.asDiagonal();
@@ -132,15 +131,7 @@ LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target
   const JointVector damping = D.lazyProduct(dq);
   JointVector tau = spring + arm.terms->c();
   tau += D.lazyProduct(velocity_error);
-  if (gains.acceleration_feedforward) {
-    if (memory.ddq_d.size() == 0) memory.ddq_d = JointVector::Zero(error.size());
-    const JointVector asked = led.cwiseProduct(target.ddq_d);
-    const JointVector change = M.lazyProduct(JointVector(asked - memory.ddq_d));
-    feed(asked, gains.is_smooth ? 1 : rate_share(change, arm.model(), dt), memory.ddq_d);
-    tau += M.lazyProduct(memory.ddq_d);
-  } else {
-    memory.ddq_d.setZero();
-  }
+  if (gains.acceleration_feedforward) tau += M.lazyProduct(JointVector(led.cwiseProduct(target.ddq_d)));
   if (gains.elbow != nullptr || std::isfinite(contact.spring_force + contact.spring_moment))
     bound(contact, gains.elbow, arm, spring, damping, tau, pull);
   if (!tau.allFinite()) return LawResult::fault;

@@ -2,7 +2,6 @@
 
 #include "core/controllets/controllet.hpp"
 #include "core/controllets/damping_design.hpp"
-#include "core/controllets/feedforward.hpp"
 
 namespace multipanda {
 
@@ -42,18 +41,12 @@ struct JointGains {
   JointVector given;     // D, if it is given [N m s/rad] (n x 1)
   JointVector bearable;  // for `diagonal` (n x 1)
   bool acceleration_feedforward = true;
-  bool is_smooth = false;  // the set-point's own jerk is limited: its acceleration is fed forward as it is
   DampingOf damping_of = DampingOf::error;
   const Elbow* elbow = nullptr;  // point at which the pull also respects the bounds for contact
 };
 
 struct JointTarget {
   JointVector q_d, dq_d, ddq_d;  // (n x 1)
-};
-
-// Of one arm's law; a new one for each start.
-struct JointMemory {
-  JointVector ddq_d;  // that is fed forward [rad/s^2] (n x 1)
 };
 
 ParameterSpec joint_stiffness_parameter();
@@ -72,10 +65,8 @@ struct JointPull {
 // tau = K (q_d - q) + D (dq_d - dq) + C dq [+ M ddq_d], the pull within the bounds for contact, at the hand
 // and at every prismatic joint; `dq` is the arm's velocity on which D acts (n x 1). With DampingOf::velocity
 // -D dq instead of D (dq_d - dq). K and D are limited for stability (damping_design.hpp); joints without
-// stiffness are braked and follow no set-point. M ddq_d is limited in its rate (feedforward.hpp). The result
-// is in arm.tau; fault if it is not finite.
+// stiffness are braked and follow no set-point. The result is in arm.tau; fault if it is not finite.
 LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
-                              const ContactBounds& contact, OwnedArm& arm, double dt, JointMemory& memory,
-                              JointPull& pull);
+                              const ContactBounds& contact, OwnedArm& arm, JointPull& pull);
 
 }  // namespace multipanda

@@ -26,7 +26,6 @@ class PoseFollower final : public Controllet {
   LawResult start(ControlContext& context) override {
     OwnedArm& arm = context.arms[0];
     q_N_ = arm.q();
-    memory_ = {};
     jumps_.start(context.observed[0]);
     clutch_.start();
     led_.start(context.observed[0], arm.terms->X_WE());
@@ -39,8 +38,7 @@ class PoseFollower final : public Controllet {
     OwnedArm& arm = context.arms[0];
     const ParameterSet& parameters = *context.parameters;
     lead(context);
-    ImpedanceGains gains = impedance_gains(parameters, context.contact);
-    gains.is_smooth = true;
+    const ImpedanceGains gains = impedance_gains(parameters, context.contact);
     const bool left_behind = follows_.left_behind(led_.X(), context.contact);
     const double strain = follows_.strain(arm.terms->X_WE(), gains);
     if (clutch_.turn(parameters.flag(kClutch), left_behind, strain, context.dt)) {
@@ -50,9 +48,8 @@ class PoseFollower final : public Controllet {
       led_.place(follows_.X());
     }
     TaskForce force;
-    const LawResult result =
-        cartesian_impedance_law(gains, null_space_gains(parameters, context.contact), follows_.target(), arm,
-                                q_N_, context.dt, memory_, force);
+    const LawResult result = cartesian_impedance_law(gains, null_space_gains(parameters, context.contact),
+                                                     follows_.target(), arm, q_N_, force);
     follows_.resist(force.pull, force.bounded.force_share, force.bounded.moment_share, context.dt);
     show(force, context.outputs);
     const Vector3 lag = led_.X().position - follows_.X().position;
@@ -96,7 +93,6 @@ class PoseFollower final : public Controllet {
   JumpDetector jumps_;
   Clutch clutch_;
   JointVector q_N_;
-  ImpedanceMemory memory_;
   LedPose led_;
   FollowingPose follows_;
 };

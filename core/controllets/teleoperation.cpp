@@ -101,7 +101,6 @@ class Teleoperation final : public Controllet {
     led_.start(context.arms[0], follower.terms->X_WE());
     follows_.start(follower.terms->X_WE());
     q_N_ = follower.q();
-    memory_ = {};
     p_offset_.setZero();
     R_offset_.setIdentity();
     alignments_ = aligned_ = 0;
@@ -255,10 +254,9 @@ class Teleoperation final : public Controllet {
     const CartesianTarget target = follows_.target();
     ModelTerms& terms = *arm.terms;
     ImpedanceGains gains = impedance_gains(parameters, context.contact);
-    gains.is_smooth = true;
-    const TaskForce force = impedance_force(gains, target, terms, context.dt, memory_);
     context.outputs[kStiffnessShare] = gains.soften(target.X_W_d.rotation, terms);
     const Vector6 V = terms.V_WE().vector;
+    const TaskForce force = impedance_force(gains, target, terms);
     const Matrix3& R_d = target.X_W_d.rotation;
     const Matrix6 D = gains.damping(R_d, gains.stiffness(R_d).matrix(), terms);
     const Vector6 damping = D * V;
@@ -425,7 +423,6 @@ class Teleoperation final : public Controllet {
   LedPose led_;            // the leader's side
   FollowingPose follows_;  // the follower's side
   JointVector q_N_;
-  ImpedanceMemory memory_;
   Matrix3 map_ = Matrix3::Identity();
   bool closed_ = false;
   std::size_t axes_ = 0;

@@ -92,7 +92,6 @@ class Ufic final : public Controllet {
       return LawResult::fault;  // without an estimate the force has no feedback
     const ParameterSet& parameters = *context.parameters;
     q_N_ = arm.q();
-    A_d_.setZero();
     felt_.start(arm);
     p_c_ = arm.terms->X_WE().position;
     direction_.start(parameters.vector3(kPressDirection));
@@ -135,14 +134,7 @@ class Ufic final : public Controllet {
     const Vector6 spring = s * spring_wrench(spring_.stiffness, error);
     const bool of_error = gains.damping_of == DampingOf::error;
     Vector6 feedforward = of_error ? Vector6(s * (D * target.V_d.vector)) : Vector6(Vector6::Zero());
-    if (gains.acceleration_feedforward) {
-      const Vector6 change = Lambda * (target.A_d.vector - A_d_);
-      const JointVector in_joints = terms.J_V_WE().transpose().lazyProduct(change);
-      feed(target.A_d.vector, rate_share(in_joints, terms.model(), context.dt), A_d_);
-      feedforward.noalias() += s * (Lambda * A_d_);
-    } else {
-      A_d_.setZero();
-    }
+    if (gains.acceleration_feedforward) feedforward.noalias() += s * (Lambda * target.A_d.vector);
     if (gains.coriolis_feedforward) feedforward += s * terms.task_coriolis(target.V_d.vector);
     Vector6 opposing = D * V;
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
@@ -426,7 +418,6 @@ class Ufic final : public Controllet {
   }
 
   JointVector q_N_;
-  Vector6 A_d_;                    // that is fed forward
   Vector3 p_c_ = Vector3::Zero();  // x_c: last point of contact of the tool
   bool touched_ = false;
   double gamma_ = 0, alpha_f_ = 0;

@@ -195,12 +195,9 @@ class TwoArms(unittest.TestCase):
                     for name, value in goal.items():
                         self.assertAlmostEqual(sent[name], value, 12)
                         found = robot.observe()[name]
-                        within = 4e-3
-                        if (
-                            "_ee.q" in name
-                        ):  # a quaternion, of either sign; friction holds 20 N m/rad 0.01 rad beside it
-                            found, value, within = abs(found), abs(value), 8e-3
-                        self.assertAlmostEqual(found, value, delta=within, msg=name)
+                        if "_ee.q" in name:  # a quaternion, of either sign
+                            found, value = abs(found), abs(value)
+                        self.assertAlmostEqual(found, value, delta=4e-3, msg=name)
                     self.assertEqual(robot.silences, 0)
                 steps = np.linalg.norm(np.diff(set_points, axis=0), axis=1)
                 steps = steps[np.isfinite(steps)]
