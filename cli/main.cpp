@@ -27,7 +27,8 @@ void add_lab(Program& program) {
 
 int main(int argc, char** argv) {
   using namespace multipanda::cli;
-  // Each further arena would be 132 kB of locked memory; the loop allocates none.
+  // malloc would give each thread an arena of its own, 132 kB of locked memory. The loop, which never allocates,
+  // waits for none.
   (void)mallopt(M_ARENA_MAX, 1);
   const std::string word = argc > 1 ? argv[1] : "";
   if (word == "lab") return become("multipanda-lab", argv + 1);

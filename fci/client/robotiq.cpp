@@ -279,7 +279,7 @@ void Robotiq::turn(const Status& status) {
       written_ == command_ && turns_ > 1;  // the first status may be older than the command
   const bool settled = is_command && status.echo == command_.position &&
                        (status.object == 3 ? status.echo == goal_ : status.object != 0);
-  const bool holds = status.goes && status.object == 2 && (phase_ != Phase::move);
+  const bool holds = status.goes && status.object == 2 && phase_ != Phase::move;
   if (!holds) grasped_ = false;
   moving_ = answer_.has_value() || (phase_ == Phase::follow && !settled);
   const bool activates = phase_ == Phase::reset || phase_ == Phase::activate;
