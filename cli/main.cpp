@@ -27,8 +27,8 @@ void add_lab(Program& program) {
 
 int main(int argc, char** argv) {
   using namespace multipanda::cli;
-  // malloc would give each thread an arena of its own, 132 kB of locked memory. The loop, which never allocates,
-  // waits for none.
+  // malloc would give each thread an arena of its own, 132 kB of locked memory. The loop, which never
+  // allocates, waits for none.
   (void)mallopt(M_ARENA_MAX, 1);
   const std::string word = argc > 1 ? argv[1] : "";
   if (word == "lab") return become("multipanda-lab", argv + 1);
