@@ -371,7 +371,9 @@ export function handMoves(page: Page, arm: number, axis: number, by: number): Pr
 /** Waits until no joint of any arm moves. */
 export async function atRest(page: Page): Promise<void> {
   await until(page, () =>
-    window.cockpit.session.state!.arms.every((arm) => Array.from(arm.dq).every((speed) => Math.abs(speed) < 0.005)),
+    window.cockpit.session.state!.arms.every((arm) =>
+      Array.from(arm.quantity("dq_rad_per_s") ?? [NaN]).every((speed) => Math.abs(speed) < 0.005),
+    ),
   );
 }
 

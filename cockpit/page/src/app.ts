@@ -66,7 +66,7 @@ export class App {
     log: { title: string; panel: HTMLElement },
     watch: (names: string[]) => void,
   ) {
-    const refuse = (why: string) => this.toasts.show(why, "bad");
+    const refuse = (why: string) => this.toasts.show(why);
     this.holding = new Holding(line, refuse);
     this.bar = new Bar(session, this.theme, () => this.stop());
     this.arms = new ArmsPanel(session);
@@ -86,10 +86,10 @@ export class App {
     this.loop = new LoopPanel(this.theme);
     this.view.gizmo = new TargetGizmo(this.view.stage, this.holding, (goal) => this.motion(0, { goal }));
     this.dock = this.lay(log);
-    session.on("refused", ({ request, reason }) => this.toasts.show(`${request}: ${reason}`, "bad"));
+    session.on("refused", ({ request, reason }) => this.toasts.show(`${request}: ${reason}`));
     session.on("released", (cause) => {
       this.holding.letGoAll("the run ended the hold");
-      this.toasts.show(`The run ended the hold: ${cause}`, "bad");
+      this.toasts.show(`The run ended the hold: ${cause}`);
     });
     session.on("scene", (scene) => this.build(scene));
     session.on("state", (state) => (this.fresh = state));

@@ -21,7 +21,7 @@ const line = new RunLine(
     },
     plot: (columns, rows, numbers) => takeRows(columns, rows, numbers),
     slice: (slice) => logMode.take(slice),
-    message: (text) => app.toasts.show(text, "bad"),
+    message: (text) => app.toasts.show(text),
   },
   url,
   token,

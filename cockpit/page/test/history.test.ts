@@ -1,16 +1,13 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { csv, History, Ring } from "../src/model/history.ts";
+import { csv, History } from "../src/model/history.ts";
 
-test("a ring keeps the newest rows, oldest first", () => {
-  const ring = new Ring(2, 3);
-  for (let k = 0; k < 5; ++k) ring.push([k, 10 * k]);
-  assert.deepEqual(ring.columns(), [
-    [2, 3, 4],
-    [20, 30, 40],
-  ]);
-  assert.deepEqual(ring.columns(3)[0], [3, 4]);
-  assert.equal(ring.newest(), 4);
+test("the newest rows are kept, oldest first", () => {
+  const history = new History(4);
+  history.watch("q", 1);
+  for (let k = 0; k < 6; ++k) history.take(k, () => [10 * k]);
+  assert.deepEqual(history.columns("q", 9), { t: [2, 3, 4, 5], values: [[20, 30, 40, 50]] });
+  assert.deepEqual(history.columns("q", 1), { t: [4, 5], values: [[40, 50]] });
 });
 
 test("only watched quantities are kept, until nobody watches them", () => {

@@ -5,8 +5,8 @@ import { flagged } from "../src/model/live.ts";
 import { type Hello, sceneOf } from "../src/wire/hello.ts";
 import { StateReader } from "../src/wire/state_reader.ts";
 
-const arm = { model: "fr3", kind: "simulated", joints: 3, base_position_m: [], base_quaternion_wxyz: [] };
-const limits = { q_min_rad: [], q_max_rad: [], dq_max_rad_per_s: [], tau_max_nm: [] };
+const arm = { kind: "simulated", joints: 3, base_position_m: [], base_quaternion_wxyz: [] };
+const limits = { q_min_rad: [], q_max_rad: [], tau_max_nm: [] };
 const fields: [string, number][] = [
   ["cycle", 1],
   ["left/q_rad", 3],

@@ -3,29 +3,18 @@
 export class Histogram {
   static readonly perDecade = 12;
   static readonly decades = 4;
-  readonly counts = new Float64Array(Histogram.perDecade * Histogram.decades + 2);
-  total = 0;
-  worst = 0;
+  readonly total: number;
+  /** The upper edge of the last bin with a cycle [µs]. */
+  readonly worst: number;
 
-  add(us: number): void {
-    if (!Number.isFinite(us)) return;
-    this.counts[Histogram.bin(us)]! += 1;
-    this.total += 1;
-    this.worst = Math.max(this.worst, us);
+  /** Counts of the bins: the first is below 1 µs, the last one from 10 ms on. */
+  constructor(
+    readonly counts: readonly number[] = new Array<number>(Histogram.perDecade * Histogram.decades + 2).fill(0),
+  ) {
+    this.total = counts.reduce((sum, count) => sum + count, 0);
+    this.worst = Histogram.edge(counts.findLastIndex((count) => count > 0) + 1);
   }
 
-  /** Counts made elsewhere, in the same bins. The worst one is known to the precision of its bin. */
-  set(counts: readonly number[]): void {
-    this.clear();
-    counts.forEach((count, bin) => {
-      if (bin >= this.counts.length || !(count > 0)) return;
-      this.counts[bin] = count;
-      this.total += count;
-      this.worst = Histogram.edge(bin + 1);
-    });
-  }
-
-  /** Bin 0 is below 1 µs, the last one from 10 ms on. */
   static bin(us: number): number {
     if (us < 1) return 0;
     const k = Math.floor(Math.log10(us) * Histogram.perDecade + 1e-9);
@@ -37,18 +26,10 @@ export class Histogram {
     return bin <= 0 ? 0 : 10 ** ((bin - 1) / Histogram.perDecade);
   }
 
-  /** The upper edge of the quantile's bin [µs]; in the last bin the worst value. */
+  /** The upper edge of the quantile's bin [µs]. */
   quantile(share: number): number {
     let left = share * this.total;
-    for (let bin = 0; bin < this.counts.length; ++bin) {
-      left -= this.counts[bin]!;
-      if (left <= 1e-9) return Math.min(this.worst, Histogram.edge(bin + 1));
-    }
-    return this.worst;
-  }
-
-  clear(): void {
-    this.counts.fill(0);
-    this.total = this.worst = 0;
+    const found = this.counts.findIndex((count) => (left -= count) <= 1e-9);
+    return found < 0 ? this.worst : Histogram.edge(found + 1);
   }
 }

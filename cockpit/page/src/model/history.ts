@@ -1,4 +1,4 @@
-// The recent past of plotted quantities: rings of numbers with common times.
+// The recent past of plotted quantities: rows of numbers with common times.
 
 export interface Columns {
   t: number[];
@@ -6,104 +6,68 @@ export interface Columns {
   values: number[][];
 }
 
-export class Ring {
-  private readonly data: Float64Array;
-  private next = 0;
-  private filled = 0;
-
-  /** `width` numbers per row. */
-  constructor(
-    readonly width: number,
-    readonly rows: number,
-  ) {
-    this.data = new Float64Array(width * rows);
-  }
-
-  get length(): number {
-    return this.filled;
-  }
-
-  push(row: ArrayLike<number>): void {
-    const at = this.next * this.width;
-    for (let k = 0; k < this.width; ++k) this.data[at + k] = row[k] ?? NaN;
-    this.next = (this.next + 1) % this.rows;
-    this.filled = Math.min(this.rows, this.filled + 1);
-  }
-
-  /** The last number of the newest row's first column; NaN without one. */
-  newest(): number {
-    return this.filled === 0 ? NaN : this.data[((this.next + this.rows - 1) % this.rows) * this.width]!;
-  }
-
-  clear(): void {
-    this.next = this.filled = 0;
-  }
-
-  /** Columns from the oldest row to the newest. */
-  columns(from = -Infinity): number[][] {
-    const columns: number[][] = Array.from({ length: this.width }, () => []);
-    const first = (this.next + this.rows - this.filled) % this.rows;
-    for (let i = 0; i < this.filled; ++i) {
-      const at = ((first + i) % this.rows) * this.width;
-      if (this.data[at]! < from) continue;
-      for (let k = 0; k < this.width; ++k) columns[k]!.push(this.data[at + k]!);
-    }
-    return columns;
-  }
+interface Watched {
+  size: number;
+  /** Each begins with its time; the oldest is first. */
+  rows: number[][];
+  users: number;
+  until: number;
 }
 
-/** Rings of the quantities in use. The first column of each is the time. */
-export class History {
-  private readonly rings = new Map<string, { ring: Ring; users: number; until: number }>();
+const newest = ({ rows }: Watched): number => rows.at(-1)?.[0] ?? NaN;
 
-  constructor(private readonly rows = 12000) {}
+/** The quantities in use. */
+export class History {
+  private readonly watched = new Map<string, Watched>();
+
+  /** Keeps `most` rows of each, or a quarter more: they are dropped many at once. */
+  constructor(private readonly most = 12000) {}
 
   watch(name: string, size: number): void {
-    const known = this.rings.get(name);
+    const known = this.watched.get(name);
     if (known) ++known.users;
-    else this.rings.set(name, { ring: new Ring(1 + size, this.rows), users: 1, until: -Infinity });
+    else this.watched.set(name, { size, rows: [], users: 1, until: -Infinity });
   }
 
   unwatch(name: string): void {
-    const known = this.rings.get(name);
-    if (known && --known.users === 0) this.rings.delete(name);
+    const known = this.watched.get(name);
+    if (known && --known.users === 0) this.watched.delete(name);
   }
 
   /** Rows that arrive again, because the run starts some seconds back, are not stored twice. */
   expectRepeats(): void {
-    for (const known of this.rings.values()) known.until = known.ring.newest();
+    for (const known of this.watched.values()) known.until = newest(known);
   }
 
   clear(): void {
-    for (const { ring } of this.rings.values()) ring.clear();
+    for (const known of this.watched.values()) known.rows = [];
   }
 
   names(): string[] {
-    return [...this.rings.keys()];
+    return [...this.watched.keys()];
   }
 
   /** One row of each watched quantity. A time not later than the last one starts again (a simulation's reset). */
   take(t: number, value: (name: string) => ArrayLike<number> | undefined): void {
-    for (const [name, known] of this.rings) {
-      const { ring } = known;
+    for (const [name, known] of this.watched) {
       const values = value(name);
       if (values === undefined || t <= known.until) continue;
       known.until = -Infinity;
-      const last = ring.newest();
+      const last = newest(known);
       if (t === last) continue;
-      if (t < last) ring.clear();
-      const row = new Float64Array(ring.width).fill(NaN);
-      row[0] = t;
-      for (let k = 0; k + 1 < ring.width; ++k) row[k + 1] = values[k] ?? NaN;
-      ring.push(row);
+      if (t < last) known.rows = [];
+      known.rows.push([t, ...Array.from({ length: known.size }, (_, k) => values[k] ?? NaN)]);
+      if (known.rows.length > 1.25 * this.most) known.rows.splice(0, known.rows.length - this.most);
     }
   }
 
   columns(name: string, seconds: number): Columns {
-    const ring = this.rings.get(name)?.ring;
-    if (!ring) return { t: [], values: [] };
-    const [t = [], ...values] = ring.columns(ring.newest() - seconds);
-    return { t, values };
+    const known = this.watched.get(name);
+    if (!known) return { t: [], values: [] };
+    const from = newest(known) - seconds;
+    const rows = known.rows.filter((row) => !(row[0]! < from));
+    const column = (k: number) => rows.map((row) => row[k]!);
+    return { t: column(0), values: Array.from({ length: known.size }, (_, k) => column(k + 1)) };
   }
 }
 

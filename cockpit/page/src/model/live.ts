@@ -46,8 +46,6 @@ export interface ArmState {
   mode: string;
   stopped: boolean;
   q: ArrayLike<number>;
-  dq: ArrayLike<number>;
-  tau_J: ArrayLike<number>;
   tau_cmd: ArrayLike<number>;
   hand: Pose;
   /** Reference point of wrenches. */
@@ -107,8 +105,6 @@ export interface LiveState {
   /** Number of stops so far, of which a resume says which the person has seen. */
   stops: number | undefined;
   paused: boolean;
-  /** The loop does not run. */
-  standing: boolean;
   arms: ArmState[];
   /** Poses of the bodies, seven numbers each: x y z qw qx qy qz. */
   bodies: ArrayLike<number>;

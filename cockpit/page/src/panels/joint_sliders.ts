@@ -1,7 +1,7 @@
 // Joint positions by sliders: a joint moves while its slider is held, and stops when released.
 import type { ArmInfo, ArmState } from "../model/live.ts";
 import type { Session } from "../model/session.ts";
-import type { Holding } from "../safety/holding.ts";
+import { endingWith, type Holding } from "../safety/holding.ts";
 import { JointMotion, type JogSettings } from "../teleop/motions.ts";
 import { h, replaceChildren } from "../ui/dom.ts";
 import { Slider } from "./controls.ts";
@@ -55,16 +55,10 @@ export class JointSliders {
       const now = set && this.session.reference(set.controllet.name, set.input.name);
       return Array.from(now && Number.isFinite(now[0]!) ? now : q, (value, i) => (i === k ? slider.value : value));
     };
-    const motion = new JointMotion(
-      this.session,
-      () => arm,
-      this.settings,
-      goal,
-      () => {
-        held = undefined;
-        slider.release();
-      },
-    );
+    const motion = endingWith(new JointMotion(this.session, () => arm, this.settings, goal), () => {
+      held = undefined;
+      slider.release();
+    });
     const begin = (by: "pointer" | "key") => {
       held = by;
       if (!this.holding.begin(name, () => held === by && document.activeElement === range, motion)) held = undefined;

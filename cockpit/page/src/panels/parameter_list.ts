@@ -2,7 +2,7 @@
 import type { Answer, ControlletInfo, ParameterInfo } from "../model/description.ts";
 import type { Holding } from "../safety/holding.ts";
 import { choice, div, h, newId } from "../ui/dom.ts";
-import { nameAndUnit, spaced } from "../ui/words.ts";
+import { spaced, withoutUnit } from "../ui/words.ts";
 import { holdButton, Slider } from "./controls.ts";
 
 type Value = number | number[] | string;
@@ -51,7 +51,7 @@ function field(controllet: string, parameter: ParameterInfo, setter: ParameterSe
     };
     const chosen = (value: string) => void (moves ? setter.drafts.set(key, value) : set(value));
     const select = choice(parameter.choices, String(draft ?? current), chosen, { id });
-    const label = h("label", { for: id, title: parameter.doc }, labelOf(parameter));
+    const label = h("label", { for: id, title: parameter.doc }, withoutUnit(name));
     return div(
       "field",
       label,
@@ -63,7 +63,7 @@ function field(controllet: string, parameter: ParameterInfo, setter: ParameterSe
   const bounds = boundsFor(parameter, values);
   if (Array.isArray(draft)) values.splice(0, values.length, ...draft);
   const all = () => (values.length > 1 ? [...values] : values[0]!);
-  const label = labelOf(parameter);
+  const label = withoutUnit(parameter.name);
   const sliders = values.map(
     (value, k) =>
       new Slider({
@@ -97,9 +97,6 @@ function field(controllet: string, parameter: ParameterInfo, setter: ParameterSe
     button ?? "",
   );
 }
-
-// The unit follows the name, which is shown without it.
-const labelOf = (parameter: ParameterInfo): string => nameAndUnit(parameter.name).name;
 
 /** A slider needs an end: without one in the descriptor, a few times the present value. */
 export function boundsFor({ min, max }: ParameterInfo, values: readonly number[]): { min: number; max: number } {

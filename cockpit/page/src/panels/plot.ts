@@ -6,7 +6,6 @@ import type { ThemeSwitch } from "../ui/theme.ts";
 
 export interface PlotSource {
   readonly name: string;
-  readonly size: number;
   /** Names of the components: `1` to `7`, or `x`, `y`, `z`. */
   readonly components: readonly string[];
   columns(): Columns;

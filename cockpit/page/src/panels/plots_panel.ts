@@ -56,7 +56,6 @@ export class PlotsPanel {
     this.history.watch(name, size);
     const source = {
       name,
-      size,
       components: componentNames(name, size),
       columns: () => this.history.columns(name, this.seconds),
       dispose: () => this.history.unwatch(name),

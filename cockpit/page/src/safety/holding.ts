@@ -10,6 +10,16 @@ export interface Motion {
   end(): void;
 }
 
+/** The same motion, which ends with `ended`, too. */
+export const endingWith = (motion: Motion, ended: () => void): Motion => ({
+  begin: () => motion.begin(),
+  step: (seconds) => motion.step(seconds),
+  end: () => {
+    ended();
+    motion.end();
+  },
+});
+
 export class Holding {
   private readonly gate: DeadMan;
   private readonly motions = new Map<string, Motion>();
@@ -92,15 +102,10 @@ export class Holding {
   bindButton(button: HTMLElement, name: string, motion: Motion): void {
     let pointer: number | undefined;
     let key: string | undefined;
-    const marked: Motion = {
-      begin: () => motion.begin(),
-      step: (seconds) => motion.step(seconds),
-      end: () => {
-        pointer = key = undefined;
-        button.classList.remove("held");
-        motion.end();
-      },
-    };
+    const marked = endingWith(motion, () => {
+      pointer = key = undefined;
+      button.classList.remove("held");
+    });
     button.addEventListener("pointerdown", (event) => {
       if (event.button !== 0 || pointer !== undefined) return;
       event.preventDefault();

@@ -2,7 +2,7 @@
 // stops, and the gizmo returns to it.
 import { Group, Mesh, MeshBasicMaterial, SphereGeometry } from "three";
 import { TransformControls } from "three/examples/jsm/controls/TransformControls.js";
-import type { Holding, Motion } from "../safety/holding.ts";
+import { endingWith, type Holding, type Motion } from "../safety/holding.ts";
 import type { Pose } from "../teleop/vectors.ts";
 import { place } from "./shapes.ts";
 import type { Stage } from "./stage.ts";
@@ -23,20 +23,13 @@ export class TargetGizmo {
     this.controls.setSize(0.9);
     this.controls.attach(this.handle);
     this.controls.addEventListener("change", () => stage.touch());
-    const inner = motion(() => (this.dragging ? this.pose() : undefined));
+    const moves = motion(() => (this.dragging ? this.pose() : undefined));
+    const dragged = endingWith(moves, () => this.drop());
     this.controls.addEventListener("dragging-changed", (event) => {
       this.dragging = event.value === true;
       this.stage.controls.enabled = !this.dragging;
       if (!this.dragging) return this.holding.letGo("target");
-      const begun = this.holding.begin("target", () => this.dragging, {
-        begin: () => inner.begin(),
-        step: (seconds) => inner.step(seconds),
-        end: () => {
-          this.drop();
-          inner.end();
-        },
-      });
-      if (!begun) this.drop();
+      if (!this.holding.begin("target", () => this.dragging, dragged)) this.drop();
     });
     const canvas = stage.renderer.domElement;
     canvas.addEventListener("pointercancel", () => this.holding.letGo("target", "the browser took the pointer"));

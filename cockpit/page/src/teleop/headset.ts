@@ -1,7 +1,7 @@
 // A headset's controllers move one hand or two: the squeeze button is the clutch and the dead-man button. The
 // arms are seen in the headset (mixed or virtual reality), drawn in the operator's room.
 import type { WebGLRenderer } from "three";
-import type { Holding, Motion } from "../safety/holding.ts";
+import { endingWith, type Holding, type Motion } from "../safety/holding.ts";
 import { Clutch, type WorkspaceMapping } from "./clutch.ts";
 import type { Pose } from "./vectors.ts";
 
@@ -96,19 +96,17 @@ export class Headset {
 
   private close(hand: 0 | 1): void {
     const clutch = this.clutches[hand];
-    const inner = this.hooks.motion(
+    const moves = this.hooks.motion(
       hand,
       () => this.poses[hand] && clutch.target(this.poses[hand], this.mapping),
       (target) => clutch.close(this.poses[hand]!, target),
     );
-    this.holding.begin(name(hand), () => this.squeezed[hand]! && this.poses[hand] !== undefined, {
-      begin: () => inner.begin(),
-      step: (seconds) => inner.step(seconds),
-      end: () => {
-        clutch.open();
-        inner.end();
-      },
-    });
+    const read = () => this.squeezed[hand]! && this.poses[hand] !== undefined;
+    this.holding.begin(
+      name(hand),
+      read,
+      endingWith(moves, () => clutch.open()),
+    );
   }
 
   private letGo(cause: string): void {

@@ -1,6 +1,6 @@
 // Jogging with keys: the hand moves while one is down. Keys are identified by position, so that other layouts
 // work as well.
-import type { Holding, Motion } from "../safety/holding.ts";
+import { endingWith, type Holding, type Motion } from "../safety/holding.ts";
 import type { Deflection } from "./jog.ts";
 
 // [axis, sign]: axes 0 to 2 are right, away and up, 3 to 5 the rotations about them.
@@ -52,16 +52,10 @@ export class KeyboardJog {
     event.preventDefault();
     this.down.add(event.code);
     if (this.holding.holds("keyboard")) return;
-    const inner = this.motion(() => deflectionOf(this.down));
-    const begun = this.holding.begin("keyboard", () => this.enabled && this.down.size > 0, {
-      begin: () => inner.begin(),
-      step: (seconds) => inner.step(seconds),
-      end: () => {
-        this.down.clear();
-        inner.end();
-      },
-    });
-    if (!begun) this.down.clear();
+    const moves = this.motion(() => deflectionOf(this.down));
+    const read = () => this.enabled && this.down.size > 0;
+    const clear = () => this.down.clear();
+    if (!this.holding.begin("keyboard", read, endingWith(moves, clear))) clear();
   }
 }
 

@@ -140,7 +140,6 @@ export class JointMotion extends ArmMotion {
     arm: () => string,
     private readonly settings: () => JogSettings,
     private readonly goal: () => readonly number[],
-    private readonly ended: () => void = () => {},
   ) {
     super(session, arm, "joints");
   }
@@ -153,11 +152,6 @@ export class JointMotion extends ArmMotion {
     const { joint_rad_per_s, lead_rad } = this.settings();
     this.target = jointsTowards(this.target, this.goal(), state.q, seconds, joint_rad_per_s, lead_rad);
     return { q_rad: this.target };
-  }
-
-  override end(): void {
-    super.end();
-    this.ended();
   }
 }
 

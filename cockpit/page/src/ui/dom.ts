@@ -48,12 +48,8 @@ export function button(text: Text, act: (() => void) | undefined, attributes: At
 }
 
 /** A box to check, with its label. */
-export function check(
-  text: Text,
-  set: (on: boolean, box: HTMLInputElement) => void,
-  box: Attributes = {},
-): HTMLElement {
-  const input = h("input", { type: "checkbox", ...box, onchange: () => set(input.checked, input) });
+export function check(text: Text, set: (on: boolean) => void, box: Attributes = {}): HTMLElement {
+  const input = h("input", { type: "checkbox", ...box, onchange: () => set(input.checked) });
   return h("label", { class: "check" }, input, ...(Array.isArray(text) ? text : [text]));
 }
 
@@ -61,10 +57,10 @@ export function check(
 export function choice(
   options: readonly (string | readonly [string, string])[],
   current: string,
-  set: (value: string, select: HTMLSelectElement) => void,
+  set: (value: string) => void,
   attributes: Attributes = {},
 ): HTMLSelectElement {
-  const select = h("select", { ...attributes, onchange: () => set(select.value, select) });
+  const select = h("select", { ...attributes, onchange: () => set(select.value) });
   for (const option of options) {
     const [value, text] = typeof option === "string" ? [option, option] : option;
     select.append(h("option", { value }, text));
@@ -125,12 +121,8 @@ const paths = {
   sun: "M12 7a5 5 0 1 0 0 10 5 5 0 0 0 0-10zM12 1v3M12 20v3M1 12h3M20 12h3M4 4l2 2M18 18l2 2M20 4l-2 2M4 20l2-2",
   moon: "M20 14.5A8.5 8.5 0 0 1 9.5 4a8.5 8.5 0 1 0 10.5 10.5z",
   warning: "M12 3L1.5 21h21zM12 10v5M12 17.5v.5",
-  hand: "M6 12V6a2 2 0 0 1 4 0v5-7a2 2 0 0 1 4 0v7-5a2 2 0 0 1 4 0v9a6 6 0 0 1-6 6h-1a6 6 0 0 1-5-3l-3-5a2 2 0 0 1 3-2z",
   camera: "M3 7h4l2-3h6l2 3h4v13H3zM12 9a4 4 0 1 0 0 8 4 4 0 0 0 0-8z",
-  download: "M12 3v12M7 10l5 5 5-5M4 20h16",
   close: "M5 5l14 14M19 5L5 19",
-  add: "M12 4v16M4 12h16",
-  menu: "M3 6h18M3 12h18M3 18h18",
   gamepad:
     "M7 7h10a5 5 0 0 1 4.9 6l-.7 3.5a2.5 2.5 0 0 1-4.4 1.2L15 15H9l-1.8 2.7a2.5 2.5 0 0 1-4.4-1.2L2.1 13A5 5 0 0 1 7 7zM8 9.5v3M6.5 11h3M16 10.5v.1M18 12.5v.1",
   mouse: "M12 3a6 6 0 0 1 6 6v6a6 6 0 0 1-12 0V9a6 6 0 0 1 6-6zM12 3v7",

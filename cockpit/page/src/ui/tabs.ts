@@ -4,8 +4,6 @@ import { button, h, newId } from "./dom.ts";
 export interface Tab {
   title: string;
   panel: HTMLElement;
-  /** Called when the tab is opened. */
-  shown?: () => void;
 }
 
 export class Tabs {
@@ -43,7 +41,6 @@ export class Tabs {
       this.buttons[i]!.setAttribute("aria-selected", String(i === k));
       this.buttons[i]!.tabIndex = i === k ? 0 : -1;
     });
-    this.tabs[k]!.shown?.();
   }
 
   setHidden(title: string, hidden: boolean): void {

@@ -1,40 +1,10 @@
 // Names and numbers for display.
 
 // Unit suffixes of parameters and quantities, as in CONVENTIONS.md.
-const kUnits: [string, string][] = [
-  ["_n_per_m_per_s", "N/(m/s)"],
-  ["_nm_per_rad_per_s", "N m s/rad"],
-  ["_rad_per_s2", "rad/s²"],
-  ["_m_per_s2", "m/s²"],
-  ["_nm_per_rad", "N m/rad"],
-  ["_nm_per_s", "N m/s"],
-  ["_n_per_m", "N/m"],
-  ["_n_per_s", "N/s"],
-  ["_m_per_s", "m/s"],
-  ["_rad_per_s", "rad/s"],
-  ["_n_nm", "N, N m"],
-  ["_mrad", "mrad"],
-  ["_rad", "rad"],
-  ["_mm", "mm"],
-  ["_nm", "N m"],
-  ["_kg", "kg"],
-  ["_hz", "Hz"],
-  ["_us", "µs"],
-  ["_ms", "ms"],
-  ["_m", "m"],
-  ["_n", "N"],
-  ["_j", "J"],
-  ["_w", "W"],
-  ["_s", "s"],
-];
+const kUnit = /_(n_nm|nm?|m?m|m?rad|kg|hz|us|ms|[jws])(_per_(m|rad|s2?))*$/;
 
-/** `stiffness_n_per_m` is `stiffness` in `N/m`. */
-export function nameAndUnit(name: string): { name: string; unit: string } {
-  for (const [ending, unit] of kUnits) {
-    if (name.endsWith(ending)) return { name: spaced(name.slice(0, -ending.length)), unit };
-  }
-  return { name: spaced(name), unit: "" };
-}
+/** `stiffness_n_per_m` is `stiffness`: its unit is shown beside it. */
+export const withoutUnit = (name: string): string => spaced(name.replace(kUnit, ""));
 
 export const spaced = (name: string): string => name.replaceAll("_", " ");
 

@@ -12,8 +12,6 @@ interface WirePose {
 
 export interface WireArm {
   name: string;
-  model: string;
-  title?: string;
   /** "simulated", "virtual" or "real". */
   kind: string;
   joints: number;
@@ -21,7 +19,6 @@ export interface WireArm {
   base_quaternion_wxyz: Quaternion;
   q_min_rad: number[];
   q_max_rad: number[];
-  dq_max_rad_per_s: number[];
   tau_max_nm: number[];
   gripper?: unknown;
   vacuum?: unknown;
@@ -60,7 +57,6 @@ export interface WireLog {
 
 export interface Hello {
   wire: number;
-  version: string;
   kind: "run" | "virtual_arm" | "log";
   client: number;
   scene: {

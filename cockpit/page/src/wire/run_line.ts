@@ -123,10 +123,7 @@ export class RunLine implements PageLine, RequestSender {
   async histogram(): Promise<Histogram | undefined> {
     const answer = await this.connection.request("histogram", {});
     const counts = answer["counts"] as number[] | undefined;
-    if (!answer.ok || !counts) return undefined;
-    const histogram = new Histogram();
-    histogram.set(counts);
-    return histogram;
+    return answer.ok && counts ? new Histogram(counts) : undefined;
   }
 
   private begin(hello: Hello): void {

@@ -67,18 +67,16 @@ export class StateReader {
 
   read(numbers: Float64Array): LiveState {
     const one = (name: string) => this.layout.one(numbers, name);
-    const age = one("since_cycle_s");
     return {
       cycle: one("cycle"),
       t_s: one("t_s"),
       sent_ms: one("sent_ms"),
-      since_s: age,
+      since_s: one("since_cycle_s"),
       rate_hz: this.slow.rate_hz ?? NaN,
       stops: this.slow.stops,
       cycle_us: one("total_us"),
       overruns: one("overruns"),
       paused: this.slow.paused ?? false,
-      standing: age > 0.1,
       arms: this.scene.arms.map((_, k) => this.arm(numbers, k)),
       bodies: this.layout.of(numbers, "bodies") ?? [],
       references: this.references(numbers),
@@ -103,8 +101,6 @@ export class StateReader {
       mode: names.modes[one("mode")] ?? "unknown",
       stopped: one("stopped") > 0,
       q: of("q_rad") ?? [],
-      dq: of("dq_rad_per_s") ?? [],
-      tau_J: of("tau_J_nm") ?? [],
       tau_cmd: of("tau_cmd_nm") ?? [],
       hand: poseAt([...position, ...orientation]),
       wrenchAt: known(of("stiffness_frame_m")) ?? position,
