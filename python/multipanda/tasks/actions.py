@@ -7,9 +7,9 @@ values that go to the inputs and parameters of controllets. Nothing here depends
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,16 +51,19 @@ class Quantity:
     frame: str = ""
 
 
-class Part(Protocol):
+class Part(ABC):
     """One part of an action."""
 
     @property
+    @abstractmethod
     def quantities(self) -> list[Quantity]:
         """What each of its numbers means."""
 
     def reset(self, states: States, mask: Mask) -> None:
         """Begins again in the worlds of the mask, from the measured state."""
+        return
 
+    @abstractmethod
     def add(self, command: Command, action: Array, states: States, around: Array | None) -> None:
         """Adds what an action, N x numbers, commands."""
 
@@ -77,7 +80,7 @@ def scaled_log(action: Array, low: float, high: float) -> Array:
     return value
 
 
-class PosePart:
+class PosePart(Part):
     """The set-point of a hand, in the axes of the arm's base.
 
     `around`: the action is added to a nominal pose, which the task gives in the base's frame. Otherwise it moves the
@@ -178,7 +181,7 @@ class PosePart:
         command.targets[self.controllet, self.input_name] = compose(self.base, self.set_point)
 
 
-class JointsPart:
+class JointsPart(Part):
     """The joint set-points of one arm, moved by the action and kept near the measured joints."""
 
     def __init__(
@@ -222,7 +225,7 @@ class JointsPart:
         command.targets[self.controllet, "joints"] = self.set_point.copy()
 
 
-class WrenchPart:
+class WrenchPart(Part):
     """The desired force of a law that presses, in the axes of the arm's base; the desired moment is zero."""
 
     def __init__(self, controllet: str, base: Array, *, low_n: Sequence[float], high_n: Sequence[float]) -> None:
@@ -240,15 +243,12 @@ class WrenchPart:
     def quantities(self) -> list[Quantity]:
         return [Quantity(f"force_{a}", "N", lo, hi, "base") for a, lo, hi in zip("xyz", self.low_n, self.high_n)]
 
-    def reset(self, states: States, mask: Mask) -> None:
-        pass
-
     def add(self, command: Command, action: Array, states: States, around: Array | None) -> None:
         force = rotate(self.base[3:], scaled(action, self.low_n, self.high_n))
         command.targets[self.controllet, "wrench"] = np.concatenate([force, np.zeros_like(force)], axis=1)
 
 
-class ScalarPart:
+class ScalarPart(Part):
     """An input that carries one number, such as a squeeze [N]."""
 
     def __init__(self, controllet: str, input_name: str, unit: str, low: float, high: float) -> None:
@@ -266,14 +266,11 @@ class ScalarPart:
     def quantities(self) -> list[Quantity]:
         return [Quantity(self.input_name, self.unit, self.low, self.high)]
 
-    def reset(self, states: States, mask: Mask) -> None:
-        pass
-
     def add(self, command: Command, action: Array, states: States, around: Array | None) -> None:
         command.targets[self.controllet, self.input_name] = scaled(action, self.low, self.high)
 
 
-class ParameterPart:
+class ParameterPart(Part):
     """A parameter of a controllet, such as its stiffness; the loop approaches each value within 0.2 s."""
 
     def __init__(
@@ -297,15 +294,12 @@ class ParameterPart:
         names = [self.parameter] if self.count == 1 else [f"{self.parameter}_{axis}" for axis in "xyz"[: self.count]]
         return [Quantity(name, self.unit, self.low, self.high) for name in names]
 
-    def reset(self, states: States, mask: Mask) -> None:
-        pass
-
     def add(self, command: Command, action: Array, states: States, around: Array | None) -> None:
         value = scaled_log(action, self.low, self.high) if self.log else scaled(action, self.low, self.high)
         command.parameters[self.controllet, self.parameter] = value
 
 
-class GripperPart:
+class GripperPart(Part):
     """Opens and closes a gripper: above 0.2 it grasps, below -0.2 it opens, in between it keeps its state."""
 
     def __init__(self, arm: str, *, width_m: float, force_n: float, open_m: float = 0.078) -> None:
