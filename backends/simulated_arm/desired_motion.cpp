@@ -112,7 +112,9 @@ MotionStep DesiredMotion::step(const InterfaceCommand* command) {
 // A first position or pose that is near the commanded one, as what is measured is, begins a motion or
 // continues the rest. The second one tells: if it breaks a rule in one reading, the other counts.
 MotionStep DesiredMotion::step_from_start(const InterfaceCommand* command) {
-  const auto follow = [&] { return is_cartesian(generator_) ? step_cartesian(command) : step_joints(command); };
+  const auto follow = [&] {
+    return is_cartesian(generator_) ? step_cartesian(command) : step_joints(command);
+  };
   const bool first = first_, second = command != nullptr && std::exchange(second_, false);
   MotionStep step = follow();
   second_ = second_ || (first && !first_ && is_placed(generator_));
