@@ -175,7 +175,7 @@ int ripple(const Data& data, int joint) {
   return strongest;
 }
 
-// Why the Panda has the rotors that are known of an FR3. Of the FR3 the joints that turn far enough.
+// Why the Panda has the rotors that are known of an FR3, whose other joints turn too little in this file.
 TEST(ArmSensors, APandaHasTheGearsOfAnFr3) {
   const Data panda("panda_excitation.csv"), fr3("fr3_circle_2.csv");
   SKIP_WITHOUT(panda);
