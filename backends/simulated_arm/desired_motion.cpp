@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <Eigen/LU>
 
@@ -10,6 +11,10 @@ namespace {
 
 bool is_cartesian(MotionGenerator g) {
   return g == MotionGenerator::cartesian_pose || g == MotionGenerator::cartesian_velocity;
+}
+
+bool is_placed(MotionGenerator g) {  // commands positions or poses
+  return g == MotionGenerator::joint_position || g == MotionGenerator::cartesian_pose;
 }
 
 }  // namespace
@@ -93,7 +98,7 @@ MotionStep DesiredMotion::step(const InterfaceCommand* command) {
     const bool finished = command != nullptr && (command->motion_finished || command->torque_finished);
     return finished ? MotionStep::at_rest : MotionStep::moving;
   }
-  const MotionStep result = is_cartesian(generator_) ? step_cartesian(command) : step_joints(command);
+  const MotionStep result = step_from_start(command);
   if (result == MotionStep::input_error) return result;
   if (command != nullptr && command->motion_finished) {
     // The command with the finish flag may repeat the last one, be the next one, or be zeros. It is used if
@@ -102,6 +107,30 @@ MotionStep DesiredMotion::step(const InterfaceCommand* command) {
     return end_of_motion();
   }
   return result;
+}
+
+// A first position or pose that is near the commanded one, as what is measured is, begins a motion or
+// continues the rest. The second one tells: if it breaks a rule in one reading, the other counts.
+MotionStep DesiredMotion::step_from_start(const InterfaceCommand* command) {
+  const auto follow = [&] {
+    return is_cartesian(generator_) ? step_cartesian(command) : step_joints(command);
+  };
+  const bool first = first_, second = command != nullptr && std::exchange(second_, false);
+  MotionStep step = follow();
+  second_ = second_ || (first && !first_ && is_placed(generator_));
+  if (step != MotionStep::violation || !second) return step;
+  if (if_continued_.count == 0) {
+    if_continued_ = violations_;
+    violations_.count = 0;
+    begin_at(state_.q);
+    state_.V_BE_c = {};
+    state_.A_BE_c.setZero();
+    state_.delbow_c = state_.ddelbow_c = {};
+    publish();
+    step = follow();
+  }
+  if (step == MotionStep::violation) violations_ = if_continued_;
+  return step;
 }
 
 MotionStep DesiredMotion::end_of_motion() const {

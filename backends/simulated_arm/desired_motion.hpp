@@ -68,9 +68,9 @@ enum class MotionStep : std::uint8_t {
 // inverse kinematics finds.
 //
 // The first command of a position or pose generator either continues the start at rest within the limits, or
-// lies within the start tolerance: then the motion begins there, at rest (of a pose, the second command
-// decides). Any other first command is an invalid start pose. A missed command is replaced by extrapolation
-// with the last acceleration; the rules apply to the result.
+// lies within the start tolerance: then the motion begins there, at rest (the second command decides). Any
+// other first command is an invalid start pose. A missed command is replaced by extrapolation with the last
+// acceleration; the rules apply to the result.
 //
 // Joint generators publish no commanded twist: V_BE_c, A_BE_c, delbow_c are zero, X_BE_c = X_BE_d.
 // none: the state stays where the motion began.
@@ -121,9 +121,9 @@ class DesiredMotion {
     double elbow = 0, delbow = 0, ddelbow = 0, delbow_published = 0, ddelbow_published = 0;
     bool begins_here = false;  // a new start: the history is discarded
   };
+  MotionStep step_from_start(const InterfaceCommand* command);
   MotionStep step_joints(const InterfaceCommand* command);
   MotionStep step_cartesian(const InterfaceCommand* command);
-  MotionStep follow_cartesian(const InterfaceCommand* command);
   MotionStep step_planned(const InterfaceCommand* command);
   MotionStep end_of_motion() const;
   bool is_at_rest() const;

@@ -1,34 +1,12 @@
 // The Cartesian generators: commanded pose and elbow to joints.
 #include <cmath>
 #include <optional>
-#include <utility>
 
 #include "backends/simulated_arm/desired_motion.hpp"
 
 namespace multipanda {
 
-// A first pose that is near the commanded one, as the measured pose is, begins a motion or continues the
-// rest. The second one tells: if it breaks a rule in one reading, the other counts.
 MotionStep DesiredMotion::step_cartesian(const InterfaceCommand* command) {
-  const bool first = first_, second = command != nullptr && std::exchange(second_, false);
-  MotionStep step = follow_cartesian(command);
-  second_ = second_ || (first && !first_ && generator_ == MotionGenerator::cartesian_pose);
-  if (step != MotionStep::violation || !second) return step;
-  if (if_continued_.count == 0) {
-    if_continued_ = violations_;
-    violations_.count = 0;
-    begin_at(state_.q);
-    state_.V_BE_c = {};
-    state_.A_BE_c.setZero();
-    state_.delbow_c = state_.ddelbow_c = {};
-    publish();
-    step = follow_cartesian(command);
-  }
-  if (step == MotionStep::violation) violations_ = if_continued_;
-  return step;
-}
-
-MotionStep DesiredMotion::follow_cartesian(const InterfaceCommand* command) {
   CartesianCommand requested;
   if (command == nullptr) {
     extrapolate(requested);
