@@ -20,7 +20,7 @@ model = mujoco.MjModel.from_xml_string(
     f'<mujoco><worldbody><body>{joint}{link}<body pos="0.3 0 0">{joint}{link}</body></body></worldbody></mujoco>'
 )
 state = mujoco.MjData(model)
-state.qpos[:], state.qvel[:], wanted = [0.3, 0.5], [0.4, -0.2], np.array([1.0, 2.0])
+state.qpos[:], state.qvel[:], asked = [0.3, 0.5], [0.4, -0.2], np.array([1.0, 2.0])
 mujoco.mj_forward(model, state)
 
 
@@ -31,10 +31,10 @@ def reached(torque: np.ndarray) -> np.ndarray:
 
 
 torque = np.zeros(2)
-state.qacc[:] = wanted
+state.qacc[:] = asked
 mujoco.mj_rne(model, state, 1, torque)
-short, right = reached(torque), reached(torque + model.dof_armature * wanted)
-print("asked for [rad/s^2]:", wanted, " by mj_rne:", np.round(short, 3), " with armature times acceleration:", np.round(right, 3))
-assert np.allclose(right, wanted), "armature times acceleration is not what is missing"
-assert np.abs(short - wanted).max() > 0.3, "mj_rne counts the armature now"
+short, right = reached(torque), reached(torque + model.dof_armature * asked)
+print("asked for [rad/s^2]:", asked, " by mj_rne:", np.round(short, 3), " with armature times acceleration:", np.round(right, 3))
+assert np.allclose(right, asked), "armature times acceleration is not what is missing"
+assert np.abs(short - asked).max() > 0.3, "mj_rne counts the armature now"
 END
