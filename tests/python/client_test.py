@@ -233,6 +233,20 @@ class TwoArms(unittest.TestCase):
         state = self.run_["right_joint"].goal("joints", q, duration_s=0.3).wait(PATIENCE)
         self.assertLess(abs(state.q_rad - q).max(), 0.03)
 
+    def test_goals_of_a_law_of_two_arms(self):
+        self.run_.switch("dual", only=True)
+        law, arms = self.run_["dual"], self.run_.arms.values()
+        heights = np.array([arm.state.pose.position_m[2] for arm in arms])
+        goal = law.goal("common_pose", law.set_point("common_pose").moved(z=0.03), duration_s=2)
+        with self.assertRaisesRegex(mp.Timeout, "2.0 s at least"):
+            goal.wait(0.01)
+        goal.wait(PATIENCE)
+        now = [arm.state for arm in arms]
+        # Both hands follow one pose, which begins in their middle.
+        np.testing.assert_allclose([state.pose.position_m[2] for state in now], heights.mean() + 0.03, atol=0.01)
+        self.assertLess(max(abs(state.dq_rad_per_s).max() for state in now), 0.05)
+        self.run_.switch(["left_cartesian", "right_cartesian"])
+
     def test_goals_relative_to_the_set_point(self):
         for _ in range(3):
             goal = self.law.set_point("pose").moved(z=0.02)
