@@ -718,6 +718,21 @@ class Gripper(unittest.TestCase):
             run.resume()
             arm.gripper.move(0.07)
 
+    def test_the_arms_button_stops_its_gripper_too(self):
+        with mp.run("grippers") as run, mp.connect(run.connection.path) as other:
+            arm = run.arms["left"]
+            closing = threading.Thread(target=lambda: self.assertRaises(mp.Refused, arm.gripper.move, 0.03, 0.01))
+            closing.start()
+            until(lambda: arm.gripper.state.width_m < 0.075, "it closes")
+            other.arms["left"].user_stop(True)
+            closing.join(60)
+            until(lambda: not arm.gripper.state.moving, "it is at rest")
+            self.assertGreater(arm.gripper.state.width_m, 0.05)
+            with self.assertRaisesRegex(mp.Refused, "stopped by its button, and so is its gripper"):
+                arm.gripper.grasp(0.04, 20)
+            arm.user_stop(False)
+            arm.gripper.move(0.07)
+
     def test_an_arm_without_one(self):
         with mp.run("one_arm") as run:
             if run.arms["arm"].state.gripper is None:
