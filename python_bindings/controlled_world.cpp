@@ -195,8 +195,7 @@ void ControlledWorld::step(std::uint64_t cycles) {
   }
 }
 
-// A stop of an arm ends its gripper's motion. Only what the loop sees decides, so that a restored world
-// agrees.
+// A stop of an arm ends its gripper's motion. Only what the loop sees decides: a restored world agrees.
 void ControlledWorld::end_grippers() {
   for (auto& [arm, ending] : endings_) {
     const ArmState& now = cycle_->data().state[arm];
