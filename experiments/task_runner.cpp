@@ -128,6 +128,8 @@ class TaskRunner {
       simulated = static_cast<std::size_t>(
           std::ranges::count_if(runs_, [](const TaskRun& run) { return run.plant != kMeasured; }));
       say(fmt::format("simulating the {} runs first; the arms are not connected yet", simulated));
+    } else {
+      say(fmt::format("simulating {} runs; --only and --repeats make fewer", simulated));
     }
     run_simulated(simulated);
     if (failure_) std::rethrow_exception(failure_);

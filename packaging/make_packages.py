@@ -64,6 +64,8 @@ def stage(build, folder, site_packages):
     native = ROOT / "python" / "multipanda_native"
     shutil.copytree(native, folder / "multipanda_native", ignore=shutil.ignore_patterns("__pycache__"))
     call("cmake", "--install", build, "--component", "package", "--strip", "--prefix", folder / "multipanda")
+    for scene in (folder / SHARE / "examples").glob("own_*/scene.yaml"):  # as built beside it: cmake -B build
+        scene.write_text(re.sub(r"\.\./\.\./build/examples/\w+/", "build/", scene.read_text()))
     if (folder / ROS).exists():
         shutil.copy(ROOT / "python" / "multipanda_ros_start.py", folder)
         (folder / "multipanda_ros.pth").write_text("import multipanda_ros_start\n")

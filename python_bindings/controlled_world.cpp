@@ -64,6 +64,7 @@ void ControlledWorld::reset(const WorldStart& start) {
   ticket_ = 0;
   asked_.clear();
   grippers_.clear();
+  endings_.clear();
   gripper_answers_.clear();
   refusal_.clear();
   cycles_ = 0;
@@ -145,7 +146,11 @@ void ControlledWorld::execute(const nlohmann::json& request) {
     refuse_now(request, "arm_refused",
                "the arm has no gripper that moves: in a scene, write 'fingers: movable'");
   gripper_answers_[arm].clear();
-  grippers_[arm] = request_arm(cycle_->modes(), *backend_, arm, std::get<GripperRequest>(of_backend));
+  const auto& asked = std::get<GripperRequest>(of_backend);
+  const ArmState& now = cycle_->data().state[arm];
+  const auto mode = static_cast<std::uint8_t>(now.mode);
+  if (!gripper_stops(cycle_->modes(), arm, mode)) endings_[arm] = ending_of(asked, now.gripper.grasped);
+  grippers_[arm] = request_arm(cycle_->modes(), *backend_, arm, asked, mode);
 }
 
 void ControlledWorld::take(const Request& asked, const nlohmann::json& request) {
@@ -186,6 +191,17 @@ void ControlledWorld::step(std::uint64_t cycles) {
     cycle_->step(due);
     ++cycles_;
     if (k == 0) read_answers();
+    end_grippers();
+  }
+}
+
+// A stop of an arm ends its gripper's motion. Only what the loop sees decides: a restored world agrees.
+void ControlledWorld::end_grippers() {
+  for (auto& [arm, ending] : endings_) {
+    const ArmState& now = cycle_->data().state[arm];
+    if (!ending || !gripper_stops(cycle_->modes(), arm, static_cast<std::uint8_t>(now.mode))) continue;
+    if (now.gripper.moving || std::holds_alternative<GripperFollow>(*ending))
+      (void)backend_->request(arm, *std::exchange(ending, {}));
   }
 }
 

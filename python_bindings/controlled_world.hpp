@@ -132,6 +132,7 @@ class ControlledWorld {
   void ask(const nlohmann::json& request, std::future<RequestAnswer> answer);
   void post_waiting();
   void read_answers();
+  void end_grippers();
   bool held(ArmIndex arm) const { return cycle_->modes().owner(arm) == static_cast<InstanceIndex>(arm); }
 
   struct Asked {
@@ -154,6 +155,7 @@ class ControlledWorld {
   std::vector<Asked> asked_;                                 // of the backend
   std::map<ArmIndex, std::future<RequestAnswer>> grippers_;  // motions
   std::map<ArmIndex, std::string> gripper_answers_;
+  std::map<ArmIndex, std::optional<GripperRequest>> endings_;  // of those motions, with a stop
   std::string refusal_;
   std::uint64_t cycles_ = 0;
 };

@@ -141,13 +141,28 @@ std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend
   return backend.request(arm, std::move(request));
 }
 
+bool gripper_stops(const MultimodeController& modes, ArmIndex arm, std::uint8_t mode) {
+  return modes.stopped().contains(arm) || static_cast<ArmMode>(mode) == ArmMode::user_stopped;
+}
+
+std::optional<GripperRequest> ending_of(const GripperRequest& request, bool grasped) {
+  const bool sucks = std::holds_alternative<VacuumOn>(request);
+  if (ends_motion(request) || (grasped && (sucks || std::holds_alternative<GripperGrasp>(request))))
+    return {};
+  if (std::holds_alternative<GripperFollow>(request)) return GripperFollow{};
+  if (sucks || std::holds_alternative<VacuumDrop>(request)) return VacuumStop{};
+  return GripperStop{};
+}
+
 std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend& backend, ArmIndex arm,
-                                       GripperRequest request) {
-  if (modes.stopped().contains(arm) && !ends_motion(request))
-    return refuse_request("arm " + in_quotes(modes.arm_name(arm)) +
-                          " is stopped, and so is its gripper: resume the arm first; 'stop' of the gripper "
-                          "lets go of what it holds");
-  return backend.request(arm, std::move(request));
+                                       GripperRequest request, std::uint8_t mode) {
+  if (ends_motion(request) || !gripper_stops(modes, arm, mode))
+    return backend.request(arm, std::move(request));
+  const bool by_button = !modes.stopped().contains(arm);
+  return refuse_request("arm " + in_quotes(modes.arm_name(arm)) + " is stopped" +
+                        (by_button ? " by its button" : "") +
+                        ", and so is its gripper: " + (by_button ? "release the button" : "resume the arm") +
+                        " first; 'stop' of the gripper lets go of what it holds");
 }
 
 std::string no_such_controllet(const MultimodeController& modes, const std::string& name) {

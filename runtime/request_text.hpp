@@ -1,6 +1,8 @@
 #pragma once
 
+#include <cstdint>
 #include <future>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,12 +21,17 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
                    Intervention rule = Intervention::none);
 
 // Sends a request to an arm of the run. A load is refused here while the arm is stopped or guided by hand,
-// because a wrong one would move it; a motion of the gripper while its arm is stopped, because a hand may be
-// between its fingers.
+// because a wrong one would move it; a motion of the gripper while its arm is stopped, also by its button,
+// because a hand may be between its fingers. `mode`: of the arm, as in its samples.
 std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend& backend, ArmIndex arm,
                                        ArmRequest request);
 std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend& backend, ArmIndex arm,
-                                       GripperRequest request);
+                                       GripperRequest request, std::uint8_t mode);
+// Whether an arm is stopped and ends its gripper's motion.
+bool gripper_stops(const MultimodeController& modes, ArmIndex arm, std::uint8_t mode);
+// What ends the motion that a request begins; none: nothing does, since what is held and shall be held more
+// firmly would fall.
+std::optional<GripperRequest> ending_of(const GripperRequest& request, bool grasped);
 
 // Messages for unknown names, with the nearest valid one.
 std::string no_such_controllet(const MultimodeController& modes, const std::string& name);

@@ -11,6 +11,7 @@
 #include "core/modes/multimode_controller.hpp"
 #include "core/record/cycle_record.hpp"
 #include "core/types/tick.hpp"
+#include "runtime/followed.hpp"
 #include "scene/scene.hpp"
 
 namespace multipanda {
@@ -22,6 +23,8 @@ struct RunContext {
   Backend* backend = nullptr;            // capabilities() and request()
   const RecordLayout* layout = nullptr;
   std::vector<std::shared_ptr<const ArmModel>> models;  // per arm
+  std::shared_ptr<Followed> followed;                   // none: nothing follows widths
+  std::function<ArmSample(ArmIndex)> newest;            // of the run's records; none: not known
 };
 
 // Connects a run with other programs (ROS): receives its records and sends requests to its controller and

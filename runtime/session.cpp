@@ -81,7 +81,9 @@ Session::Session(Scene scene, const Registry& registry, SessionOptions options)
                                       .modes = &modes(),
                                       .backend = backend_.backend.get(),
                                       .layout = &cycle_->layout(),
-                                      .models = models_});
+                                      .models = models_,
+                                      .followed = live_context_.followed,
+                                      .newest = [this](ArmIndex arm) { return latest_.sample(arm); }});
   }
 }
 

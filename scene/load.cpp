@@ -136,6 +136,7 @@ void visit(Archive& archive, ContactBounds& bounds, Scene& scene) {
 void visit(Archive& archive, SceneReader& reader) {
   Scene& scene = reader.scene;
   archive.about("Scene", "The top level of the file.");
+  archive.collect();
   archive(Key("name", "Name in logs and reports. Default: the name of the file.").identifier(), scene.name);
   archive(Key("description", "Description for readers."), scene.description);
   archive(Key("seed", "Seed of all random numbers: two unpaced runs with the same seed are identical.")
@@ -152,7 +153,7 @@ void visit(Archive& archive, SceneReader& reader) {
            "plugins", "Libraries with your own controllets, features and backends, relative to this file.")))
     scene.plugins.push_back(plugin_path(item));
   archive.list(Key("arms", "1 to 16 arms.").each("arm").required(), scene.arms, reader);
-  if (archive.reading() && (scene.arms.empty() || scene.arms.size() > kMaxArms)) {
+  if (archive.reading() && archive.sound() && (scene.arms.empty() || scene.arms.size() > kMaxArms)) {
     archive.at("arms").refuse("expected 1 to " + std::to_string(kMaxArms) + " arms, found " +
                               std::to_string(scene.arms.size()));
   }
@@ -164,6 +165,7 @@ void visit(Archive& archive, SceneReader& reader) {
                       "Bounds for arms beside people, for all controllets; larger values lift them, and the "
                       "run reports it. Not a certified safety function: see docs/contact.md."),
                   scene.contact_bounds, scene);
+  archive.settle();  // controllets name arms
   archive.list(
       Key("controllets",
           "Controllet instances. All are built before the first cycle; switches decide which of them run. "
@@ -177,6 +179,7 @@ void visit(Archive& archive, SceneReader& reader) {
                 std::to_string(kMaxInstances) + " with the holds of the arms), found " +
                 std::to_string(scene.controllets.size()));
   }
+  archive.settle();
   note_near_leaders(scene);
   read_active(archive, reader);
   read_timeline(archive, reader);

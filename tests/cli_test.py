@@ -664,7 +664,31 @@ class NewScene(Calls):
         self.answer("new", "scene", *whole, "--force")
 
 
+class Pages(Calls):
+    def test_docs_prints_the_page_that_a_message_names(self):
+        page = (pathlib.Path(__file__).resolve().parent.parent / "docs/errors.md").read_text()
+        for name in ("docs/errors.md", "errors", "docs/errors.md#what"):
+            self.assertEqual(self.answer("docs", name).stdout, page)
+        self.assertIn("\ncontrollets/force\n", self.answer("docs").stdout)
+        self.assertIn("did you mean 'errors'?", self.answer("docs", "erors", code=2).stderr)
+        self.assertTrue(self.answer("docs", "scene").stdout.startswith("# "))
+
+
 class Refusals(Calls):
+    def test_check_names_the_errors_of_several_parts_at_once(self):
+        scene = self.folder / "wrong.yaml"
+        scene.write_text(
+            "arms:\n"
+            "  - {name: left, model: fr4}\n"
+            "  - {name: right, base: {position_m: [0, 1]}}\n"
+            "  - {name: third, base: {position_m: [0, 2, 0]}}\n"
+            "objects: [{name: ball, shape: sphere, radius_m: 0.1}]\n"
+            "contact_bounds: {hand_speed_m_per_s: 90}\n"
+            "controllets: [{name: pose, type: cartesian_impedance, arms: left}]\n"
+        )
+        said = self.answer("check", scene, code=2).stderr.rstrip().split("\n")
+        self.assertEqual([re.findall(r"wrong.yaml:(\d)", line) for line in said], [["2"], ["3"], ["5"], ["6"]], said)
+
     def test_a_folder_is_not_a_scene(self):
         self.assertIn("this is a folder", self.answer("check", self.folder, code=2).stderr)
 

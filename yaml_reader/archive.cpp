@@ -37,12 +37,16 @@ void Archive::fill(const Node& node, const std::optional<std::string>& name, con
   Archive archive;
   archive.self_ = node;
   archive.item_ = item;
+  archive.collect();  // of several unknown keys, each is named
   if (!node.is_map() && !(name && node.is_null()))
     node.expected("a mapping with the keys " + joined(section->names()));
   if (node.is_map()) archive.entries_ = node.pairs();
-  for (const auto& [key, value] : archive.entries_) {
-    if (!section->has(key)) refuse_key(node.key_of(key), key, *section);
+  for (const auto& entry : archive.entries_) {
+    const std::string& key = entry.first;
+    if (!section->has(key)) archive.attempt([&] { refuse_key(node.key_of(key), key, *section); });
   }
+  archive.settle();
+  archive.collects_ = false;
   if (name) {
     if (archive.has("name") && !archive.at("name").is_word({*name}))
       archive.at("name").refuse("the key of this section names it " + in_quotes(*name) + "; remove 'name'");
@@ -52,10 +56,35 @@ void Archive::fill(const Node& node, const std::optional<std::string>& name, con
     if (key.needed && !archive.has(key.name))
       node.refuse("the key '" + key.name + "' is missing; expected " + expectation(key));
   }
-  visit_section(archive);
+  try {
+    visit_section(archive);
+  } catch (const ConfigError&) {
+    archive.settle();  // what is wrong now may follow from what was found before
+    throw;
+  }
+  archive.settle();
 } catch (const YAML::Exception& error) {
   // A gap in this program's checks, reported as an error of the file.
   throw ConfigError({node.file(), std::max(node.place().line, error.mark.line + 1)}, error.msg);
+}
+
+void Archive::attempt(const std::function<void()>& work) {
+  try {
+    work();
+  } catch (const ConfigError& error) {
+    if (!collects_) throw;
+    errors_.push_back(error);
+  }
+}
+
+void Archive::settle() const {
+  if (errors_.empty()) return;
+  if (errors_.size() == 1) throw ConfigError(errors_.front());
+  const SourcePlace& first = errors_.front().place();
+  const std::string line = first.line > 0 ? ":" + std::to_string(first.line) : "";
+  std::string text = std::string(errors_.front().what()).substr(first.file.size() + line.size() + 2);
+  for (std::size_t k = 1; k < errors_.size(); ++k) text.append("\n").append(errors_[k].what());
+  throw ConfigError(first, text);
 }
 
 void Archive::about(std::string name, std::string doc) {
@@ -139,7 +168,7 @@ void Archive::part(Key key, const Visit& visit_part) {
   key.kind = Key::Kind::section;
   if (!reading() && deep_) key.parts.push_back(described(visit_part, true));
   const std::optional<Node> node = enter(key, "");
-  if (node && !(key.text_alone && node->is_scalar())) fill(*node, {}, "", visit_part);
+  if (node && !(key.text_alone && node->is_scalar())) attempt([&] { fill(*node, {}, "", visit_part); });
 }
 
 void Archive::items(Key key, const Visit& visit_item) {
@@ -150,14 +179,16 @@ void Archive::items(Key key, const Visit& visit_item) {
   const std::string item =
       (self_->what().empty() ? "" : self_->what() + ": ") + (key.item.empty() ? key.name : key.item);
   if (node->is_map() && described(visit_item, false)->has("name")) {
-    for (const auto& [name, value] : node->pairs())
-      fill(value.called(item + " " + in_quotes(name)), name, item, visit_item);
+    for (const auto& named : node->pairs()) {
+      const std::string what = item + " " + in_quotes(named.first);
+      attempt([&] { fill(named.second.called(what), named.first, item, visit_item); });
+    }
     return;
   }
   if (!node->is_list()) node->expected(expectation(key));
   std::size_t number = 0;
   for (const auto& value : node->items())
-    fill(value.called(item + " " + std::to_string(++number)), {}, item, visit_item);
+    attempt([&] { fill(value.called(item + " " + std::to_string(++number)), {}, item, visit_item); });
 }
 
 }  // namespace multipanda

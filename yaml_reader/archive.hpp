@@ -40,6 +40,12 @@ class Archive {
   Node at(const std::string& key) const;
   const Node& self() const { return *self_; }
 
+  // From here on, errors in different sections and items of this one are reported together. What depends on
+  // them comes after settle(), which throws what was found.
+  void collect() { collects_ = true; }
+  bool sound() const { return errors_.empty(); }  // nothing was found yet
+  void settle() const;
+
   void operator()(Key key, std::string& value);  // also an identifier, or one of the key's choices
   void operator()(Key key, bool& value);
   void operator()(Key key, double& value);
@@ -125,6 +131,7 @@ class Archive {
   }
   static void fill(const Node& node, const std::optional<std::string>& name, const std::string& item,
                    const Visit& visit_section);
+  void attempt(const std::function<void()>& work);  // keeps an error while errors are collected
   std::size_t choice(Key key, std::size_t index);
   std::optional<Node> enter(Key& key, const std::string& default_text);
 
@@ -135,6 +142,8 @@ class Archive {
   std::optional<Node> self_;
   std::vector<std::pair<std::string, Node>> entries_;
   std::string item_;  // name of the kind of a list item
+  bool collects_ = false;
+  std::vector<ConfigError> errors_;
 };
 
 }  // namespace multipanda

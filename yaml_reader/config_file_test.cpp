@@ -34,6 +34,7 @@ void visit(Archive& archive, Wheel& wheel) {
 
 void visit(Archive& archive, Cart& cart) {
   archive.about("Cart", "The top level of the file.");
+  archive.collect();
   archive(Key("speed_m_per_s", "Largest speed.").at_least(0), cart.speed);
   archive(Key("seats", "Number of seats."), cart.seats);
   archive(Key("roof", "Has a roof."), cart.roof);
@@ -47,6 +48,25 @@ Cart read(const std::string& text) {
   Cart cart;
   Archive::read(Node::parse(text, "cart.yaml"), cart);
   return cart;
+}
+
+std::string error_of(const std::string& text);
+
+TEST(Errors, OfItemsAndUnknownKeysAreNamedTogether) {
+  const std::string found = error_of(R"(
+wheels:
+  - {name: front, diameter_m: 3}
+  - {name: back, diametre_m: 1, color: red}
+  - {name: spare}
+  - {name: 2 x}
+)");
+  EXPECT_THAT(found, testing::StartsWith("cart.yaml:3: wheel 'front': diameter_m: "));
+  EXPECT_THAT(found, HasSubstr("\ncart.yaml:4: wheel 2: unknown key 'diametre_m'"));
+  EXPECT_THAT(found, HasSubstr("\ncart.yaml:4: wheel 2: unknown key 'color'"));
+  EXPECT_THAT(found, HasSubstr("\ncart.yaml:6: wheel 4: name: "));
+  EXPECT_EQ(std::ranges::count(found, '\n'), 3);
+  // Not the empty list that follows from them.
+  EXPECT_EQ(error_of("wheels: [{name: a, diameter_m: 5}]").find('\n'), std::string::npos);
 }
 
 std::string error_of(const std::string& text) {

@@ -9,7 +9,9 @@ Standard library only. Frames: u32 bytes of the contents, u8 kind, u32 number of
     s  opens a connection of samples
     d  data; of samples the far time until which they may be used [ns, i64], then a packet; empty: closes
     m  mirror: rate [Hz] (f64)                      t  answer to `records` (a line), head and table; empty: the end
-    e  end: the client leaves in order              m  offset in the memory (u64), bytes
+    r  asks for the records around a far            m  offset in the memory (u64), bytes
+       time [ns, i64]                               r  they have been sent
+    e  end: the client leaves in order
 
 If the client leaves otherwise, or nothing comes for silence_s, the arms that it has commanded are held. So they are if
 what comes is late by that: a stop would be, too, behind all that a slow network has not yet brought. The run itself
@@ -18,6 +20,7 @@ holds them, as soon as this program is dead or silent, for it leads their contro
 
 from __future__ import annotations
 
+import bisect
 import collections
 import contextlib
 import fcntl
@@ -107,14 +110,18 @@ class _Mirror:
             self.first += self._memory[: HEAD_BYTES + size]
             self._table = json.loads(self._memory[HEAD_BYTES : HEAD_BYTES + size])
             self._record, self._event = self._word(8), self._word(10)
+            self._start_at = next(at for name, _, at, _ in self._table["fields"] if name == "start_ns")
 
     def _word(self, number: int) -> int:
         return int(struct.unpack_from("<Q", self._memory, 8 * number)[0])
 
+    def _place(self, number: int, kind: str) -> tuple[int, int]:
+        size = self._table[kind + "_bytes"]
+        return self._table["first_" + kind] + size * (number % self._table[kind + "s"]), size
+
     def _slot(self, number: int, kind: str) -> bytes:
         """A patch with a slot, if it is whole."""
-        size = self._table[kind + "_bytes"]
-        at = self._table["first_" + kind] + size * (number % self._table[kind + "s"])
+        at, size = self._place(number, kind)
         row = self._memory[at : at + size]
         again = self._memory[at : at + 8]
         whole = struct.pack("<Q", 2 * number + 2)
@@ -129,6 +136,20 @@ class _Mirror:
             patches.append(self._slot(records - 1, "record"))
         self._record, self._event = records, events
         return b"".join(patches) + frame(b"m", 0, struct.pack("<Q", 0) + head)
+
+    def _start_ns(self, number: int) -> int:
+        """When the cycle of a record began [ns]; 0: another has taken its place."""
+        at, _ = self._place(number, "record")
+        (start_ns,) = struct.unpack_from("<q", self._memory, at + self._start_at)
+        return start_ns if struct.unpack_from("<Q", self._memory, at)[0] == 2 * number + 2 else 0
+
+    def around(self, start_ns: int) -> bytes:
+        """The records before and after an instant, and news."""
+        written = self._word(8)
+        numbers = range(max(0, written - self._table["records"]), written)
+        after = numbers.start + bisect.bisect_left(numbers, start_ns, key=self._start_ns)
+        found = b"".join(self._slot(number, "record") for number in (after - 1, after) if number in numbers)
+        return found + self.news()
 
 
 class Bridge:
@@ -222,6 +243,9 @@ class Bridge:
                 self.out += frame(b"t", 0, mirror.first)
             except (OSError, ValueError):
                 self.out += frame(b"t", 0, b'{"ok": false, "reason": "the run does not answer"}\n')
+        elif kind == b"r":
+            around = self.mirror.around(*struct.unpack("<q", contents)) if self.mirror else b""
+            self.out += around + frame(b"r", number)
         elif kind == b"d" and number in self.sockets:
             if not contents:
                 self.close(number)

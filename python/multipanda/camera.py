@@ -167,7 +167,7 @@ class Picture:
         t_ns: When it was taken, by time.monotonic_ns() [ns].
         number: Of the camera's pictures, from 1.
         fault: Why there is no newer one; empty while the camera works.
-        uncertainty_s: How far from t_ns parts of it may be [s]: objects of a simulation.
+        uncertainty_s: How far from t_ns parts of it may be [s]: objects of a simulation; over ssh, the clocks' offset.
     """
 
     camera: str
@@ -229,18 +229,19 @@ class _SceneCameras:
 
     def _start_ns(self, answer: Json) -> int:
         """When the cycle of a state began: from its record, since the answer's own times include delays here."""
-        cycle = answer["state"]["cycle"]
-        if self._client.connection.link is not None:  # which has not every record
-            since_s: float = answer["state"]["since_cycle_s"]
-            return self._client.connection.answered_ns(answer) - round(1e9 * since_s)
-        shared, deadline = self._client.shared(), time.monotonic() + _END_S
-        while time.monotonic() < deadline:
-            rows = shared.block(300)
-            starts = rows[rows[:, shared.layout.cycle] == cycle, shared.layout.start_ns]
-            if len(starts):
-                return int(starts[0])
+        cycle, since_s = answer["state"]["cycle"], answer["state"]["since_cycle_s"]
+        shared, far = self._client.shared(), self._client.connection.link is not None
+        about_ns: int = self._client.connection.answered_ns(answer) - round(1e9 * since_s)
+        if far:  # its record is asked for
+            self._client.record_at(about_ns)
+        deadline = time.monotonic() + _END_S
+        while (start_ns := shared.start_of(cycle)) is None:
+            if far:
+                return about_ns
+            if time.monotonic() > deadline:
+                raise Timeout(f"the run's records lack cycle {cycle}", "see its messages")
             time.sleep(0.001)
-        raise Timeout(f"the run's records lack cycle {cycle}", "see its messages")
+        return start_ns
 
     def close(self) -> None:
         if self._view is not None:
@@ -274,7 +275,7 @@ class _Feed:
             self._end.wait(_AGAIN_S)
 
     def _take(self, found: Any) -> None:
-        shots = found if isinstance(found, dict) else {self._names[0]: (found, 0.0)}
+        shots = found if isinstance(found, dict) else {self._names[0]: (found, self._owner.clock_s)}
         if self.fault:
             _LOGGER.warning("camera %s works again", ", ".join(self._names))
             self.fault = ""
@@ -356,6 +357,11 @@ class Cameras(Mapping[str, Picture], Closing):
         for name, camera in cameras.items():
             if isinstance(camera, Camera):
                 self._feeds[name] = _Feed(camera, [name], self, 0)
+
+    @property
+    def clock_s(self) -> float:
+        """How well the clock of this computer is known on the run's [s]."""
+        return self._client.connection.delay_s / 2
 
     def take(self, name: str, shot: Shot, delay_ns: int, uncertainty_s: float = 0) -> None:
         """A camera's next picture, from its thread."""

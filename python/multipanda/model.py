@@ -151,7 +151,11 @@ def model(
         "hand": hand,
         "base": {"position_m": place.position_m.tolist(), "quaternion_wxyz": place.quaternion_wxyz.tolist()},
     }
-    return ArmModel(core.ArmTerms(json.dumps({"name": "model", "arms": [entry]}), "arm"))
+    try:
+        return ArmModel(core.ArmTerms(json.dumps({"name": "model", "arms": [entry]}), "arm"))
+    except ValueError as wrong:
+        why = str(wrong).rpartition("model: ")[2]
+        raise ValueError(f"{why} (for an arm of a scene, name one: mp.model('{name}', arm=...))") from None
 
 
 def settings_words(settings: Mapping[str, Any]) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 from .rotations import Array, conjugate, from_matrix, from_rpy, logarithm, matrix, multiply, rotate, to_rpy
 
 _UNIT = 0.01  # tolerated deviation of a given quaternion from length 1
+_MOST_RAD = 2.01 * np.pi  # of a given angle
 
 
 def _numbers(what: str, values: Any, *shape: int) -> Array:
@@ -84,8 +85,8 @@ class Pose:
             rotation: 3 x 3 rotation matrix.
 
         Raises:
-            ValueError: More than one orientation, another number of values, one that is not finite, a quaternion that
-                is not of length 1, or a matrix that is not a rotation.
+            ValueError: More than one orientation, another number of values, one that is not finite, an angle of more
+                than one turn, a quaternion that is not of length 1, or a matrix that is not a rotation.
         """
         given = {
             "rpy_rad": rpy_rad,
@@ -97,7 +98,13 @@ class Pose:
         if len(named) > 1:
             raise ValueError(f"expected one orientation, found {' and '.join(named)}")
         if rpy_rad is not None:
-            turned = from_rpy(_numbers("rpy_rad", rpy_rad, 3))
+            angles = _numbers("rpy_rad", rpy_rad, 3)
+            if np.abs(angles).max() > _MOST_RAD:
+                raise ValueError(
+                    f"rpy_rad: expected angles in radians, at most one turn; found {angles.tolist()}: these look like "
+                    "degrees (math.radians)"
+                )
+            turned = from_rpy(angles)
         elif rotation is not None:
             turned = _rotation("rotation", rotation)
         elif quaternion_xyzw is not None:

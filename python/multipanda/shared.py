@@ -195,6 +195,14 @@ class SharedRecords:
                 return between(first, second, start_ns), apart
         return None
 
+    def start_of(self, cycle: int) -> int | None:
+        """When a recorded cycle began, by time.monotonic_ns() [ns]; None: it is not among the records."""
+        for place in np.flatnonzero(self._rows[:, self.layout.cycle] == cycle):
+            record = self.read((self._rows.item(place, 0) - 2) // 2)
+            if record is not None and record.cycle == cycle:
+                return record.start_ns
+        return None
+
     def read_event(self, number: int) -> tuple[int, int, Json] | None:
         """Cycle, loop time [ns] and contents of an event; None if it is not there yet, or not any more."""
         at, whole = number % self.event_capacity, 2 * number + 2

@@ -23,6 +23,7 @@ from .bridge import MAGIC, Frames, frame
 from .connection import accepted
 from .errors import Disconnected, Refused, Timeout
 from .program import last_lines
+from .record import Record
 from .shared import SharedRecords
 
 _PING_S = 0.1
@@ -73,9 +74,18 @@ class MirroredRecords(SharedRecords):
             place = 8 * self.layout.start_ns
             (start_ns,) = struct.unpack_from("<q", row, place)
             struct.pack_into("<q", row, place, start_ns - self._link.clock.ahead_ns)
-            self._seen.append((struct.unpack_from("<q", row, 8 * self.layout.cycle)[0], start_ns))
+            (cycle,) = struct.unpack_from("<q", row, 8 * self.layout.cycle)
+            if not self._seen or cycle > self._seen[-1][0]:
+                self._seen.append((cycle, start_ns))
             contents = bytes(row)
         self._memory[at : at + len(contents)] = contents
+
+    def at(self, start_ns: int) -> tuple[Record, int] | None:
+        """As SharedRecords.at(), of all records there: those around the instant are asked for."""
+        found = super().at(start_ns)
+        if found is None or found[1] == 0 or not self._link.ask_around(start_ns):
+            return found
+        return super().at(start_ns)
 
     def end(self) -> None:
         """The run has ended."""
@@ -152,6 +162,7 @@ class Link:
         self._pings: collections.deque[tuple[int, int]] = collections.deque(maxlen=_PINGS)  # round trip, offset
         self._records: MirroredRecords | None = None
         self._table: bytes | None = None
+        self._asked_around, self._got_around = 0, 0
         self._changed = threading.Condition()
         self._process = os.getpid()
         self._thread = threading.Thread(target=self._serve, args=(timeout_s,), name="multipanda ssh", daemon=True)
@@ -202,6 +213,17 @@ class Link:
         if self._records is None:
             raise Refused("not_local", "the run shares no records", "see its messages at the start")
         return self._records
+
+    def ask_around(self, start_ns: int) -> bool:
+        """Brings the records around an instant of this computer's clock [ns]. False: they did not come."""
+        with self._lock:
+            self._asked_around += 1
+            number = self._asked_around
+            self._unsent += frame(b"r", number, struct.pack("<q", start_ns + self.clock.ahead_ns))
+        self._stir()
+        with contextlib.suppress(Disconnected, Timeout):
+            self._wait(lambda: self._got_around >= number, self._silence_s)
+        return self._got_around >= number
 
     def close(self) -> None:
         """Ends it properly: the run continues."""
@@ -382,6 +404,8 @@ class Link:
             self._bring(number)
         elif kind == b"m" and self._records is not None:
             self._records.take(int.from_bytes(contents[:8], "little"), contents[8:])
+        elif kind == b"r":
+            self._got_around = number
         elif kind == b"t" and contents:
             answer, _, memory = contents.partition(b"\n")
             with contextlib.suppress(Refused, ValueError):

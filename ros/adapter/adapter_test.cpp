@@ -5,6 +5,8 @@
 #include <functional>
 #include <geometry_msgs/msg/pose_stamped.hpp>
 #include <geometry_msgs/msg/transform_stamped.hpp>
+#include <multipanda_msgs/action/grasp.hpp>
+#include <multipanda_msgs/action/move.hpp>
 #include <multipanda_msgs/srv/list_arms.hpp>
 #include <multipanda_msgs/srv/list_controllets.hpp>
 #include <multipanda_msgs/srv/list_features.hpp>
@@ -12,6 +14,7 @@
 #include <multipanda_msgs/srv/set_features.hpp>
 #include <multipanda_msgs/srv/stop_arms.hpp>
 #include <multipanda_msgs/srv/switch_controllets.hpp>
+#include <multipanda_msgs/srv/vacuum_on.hpp>
 #include <rcl_interfaces/msg/parameter_event.hpp>
 #include <rcl_interfaces/msg/parameter_type.hpp>
 #include <rcl_interfaces/srv/get_parameters.hpp>
@@ -20,6 +23,7 @@
 #include <rcl_interfaces/srv/set_parameters_atomically.hpp>
 #include <std_msgs/msg/float64.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
+#include <std_srvs/srv/trigger.hpp>
 #include <thread>
 #include <unistd.h>
 #include <visualization_msgs/msg/marker_array.hpp>
@@ -30,6 +34,8 @@
 #include "core/plugin/load_plugin.hpp"
 #include "core/rt/guard/loop_guard.hpp"
 #include "ros/adapter/ros_adapter.hpp"
+#include "ros/rcl/action_client.hpp"
+#include "runtime/live_input/request_handler.hpp"
 #include "runtime/session.hpp"
 #include "scene/load.hpp"
 
@@ -387,6 +393,130 @@ TEST_F(Run, NeitherAllocatesNorLocksInTheLoop) {
   ASSERT_TRUE(wait_for([&] { return counted->cycles > first + 1000; }));
   EXPECT_EQ(counted->heap.load(), 0u);
   EXPECT_EQ(counted->locks.load(), 0u);
+}
+
+// The socket's clients and those of ROS command the same grippers.
+class ARunWithGrippers : public testing::Test {
+ protected:
+  ARunWithGrippers() {
+    OpenedScene opened = open_scene("grippers");
+    opened.scene.timeline.clear();
+    std::erase_if(opened.scene.objects, [](const SceneObject& object) { return object.name == "part"; });
+    registry_ = std::make_unique<Registry>(std::move(opened.registry));
+    SessionOptions options;
+    options.duration_s = 0;
+    options.share_records = true;
+    options.make_adapter = [](const RunContext& run) {
+      return std::make_unique<RosAdapter>(run, RosOptions{});
+    };
+    run_ = std::make_unique<Session>(std::move(opened.scene), *registry_, std::move(options));
+    run_->start();
+    executor_.start();
+  }
+  ~ARunWithGrippers() override {
+    executor_.stop();
+    run_->stop();
+    (void)run_->finish();
+  }
+
+  using Grasp = multipanda_msgs::action::Grasp;
+  using Move = multipanda_msgs::action::Move;
+
+  static Move::Goal to_width(double width) {
+    Move::Goal goal;
+    goal.width = width;
+    goal.speed = 0.1;
+    return goal;
+  }
+  static Move::Goal opened() { return to_width(0.07); }
+  static Move::Goal closed() { return to_width(0.02); }
+  template <class A>
+  static typename A::Result outcome(ActionClient<A>& client, const typename A::Goal& goal) {
+    const Uuid id = random_uuid();
+    EXPECT_EQ(client.send(id, goal).wait_for(20s), std::future_status::ready);
+    auto result = client.result(id);
+    if (result.wait_for(20s) == std::future_status::ready) return result.get().result;
+    ADD_FAILURE() << "a goal did not end";
+    return typename A::Result();
+  }
+  std::uint64_t cycle_now() {
+    LatestState::Snapshot now;
+    run_->live_input().latest->copy(now);
+    return now.cycle;
+  }
+
+  std::unique_ptr<Registry> registry_;
+  std::unique_ptr<Session> run_;
+  Context context_;
+  Node node_{context_, "tester"};
+  Executor executor_;
+};
+
+TEST_F(ARunWithGrippers, EndsSuctionWithAStopOfItsArm) {
+  constexpr ArmIndex kRight = 1;
+  using Suction = multipanda_msgs::srv::VacuumOn;
+  Client<Suction> on(executor_, node_, "/right/vacuum/on");
+  ASSERT_TRUE(on.wait_until_ready(20));
+  Suction::Request request;
+  request.vacuum_mbar = 400;
+  request.timeout = 120;  // there is nothing to hold
+  auto answer = on.call(request);
+  ASSERT_TRUE(wait_for([&] { return run_->live_input().latest->sample(kRight).gripper_moving != 0; }));
+  run_->modes().stop(ArmSet::of(kRight));
+  ASSERT_EQ(answer.wait_for(20s), std::future_status::ready);
+  const auto ended = answer.get();
+  EXPECT_FALSE(ended.success);
+  EXPECT_THAT(ended.error, HasSubstr("ended by a stop"));
+  auto refused = on.call(request);
+  ASSERT_EQ(refused.wait_for(20s), std::future_status::ready);
+  EXPECT_THAT(refused.get().error, HasSubstr("is stopped, and so is its gripper"));
+}
+
+TEST_F(ARunWithGrippers, HoldsWhatAStoppedArmHasGraspedWhateverIsRefused) {
+  const auto left = [&] { return run_->live_input().latest->sample(0); };
+  ActionClient<Grasp> grasp(executor_, node_, "/left_gripper/grasp");
+  ActionClient<Move> move(executor_, node_, "/left_gripper/move");
+  ASSERT_TRUE(grasp.wait_until_ready(20) && move.wait_until_ready(20));
+  Grasp::Goal goal;
+  goal.width = 0.04;
+  goal.speed = 0.1;
+  goal.force = 30;
+  goal.epsilon.inner = goal.epsilon.outer = 0.005;
+  EXPECT_TRUE(outcome(grasp, goal).success);
+  ASSERT_TRUE(wait_for([&] { return left().gripper_grasped != 0; }));
+  run_->modes().stop(ArmSet::of(0));
+  ASSERT_TRUE(wait_for([&] { return run_->modes().stopped().contains(0); }));
+  EXPECT_THAT(outcome(move, opened()).error, HasSubstr("is stopped, and so is its gripper"));
+  const std::uint64_t cycle = cycle_now();
+  ASSERT_TRUE(wait_for([&] { return cycle_now() > cycle + 500; }));
+  EXPECT_TRUE(left().gripper_grasped);
+}
+
+TEST_F(ARunWithGrippers, KnowsWhoseWidthsAreFollowed) {
+  ActionClient<Move> move(executor_, node_, "/left_gripper/move");
+  Client<std_srvs::srv::Trigger> stop(executor_, node_, "/left_gripper/stop");
+  ASSERT_TRUE(move.wait_until_ready(20) && stop.wait_until_ready(20));
+  RequestHandler handler(run_->live_input());
+  std::atomic<bool> ends = false, follows = false, paused = false;
+  std::thread stream([&] {
+    for (; !ends; std::this_thread::sleep_for(10ms)) try {
+        RequestHandler::Pending pending;
+        pending.client = &handler;
+        (void)handler.begin(
+            {{"do", "gripper"}, {"arm", "left"}, {"action", "follow"}, {"width_m", 0.06}, {"silence_s", 1}},
+            pending);
+        follows = true;
+      } catch (const RequestRefused& refused) {
+        paused = std::string(refused.what()).find("once it has paused") != std::string::npos;
+      }
+  });
+  EXPECT_TRUE(wait_for([&] { return follows.load(); }));
+  EXPECT_THAT(outcome(move, closed()).error, HasSubstr("follows widths of another client"));
+  EXPECT_FALSE(paused);
+  EXPECT_EQ(stop.call(std_srvs::srv::Trigger::Request()).wait_for(20s), std::future_status::ready);
+  EXPECT_TRUE(wait_for([&] { return paused.load(); }));
+  ends = true;
+  stream.join();
 }
 
 // A library of the scene brings a codec, so that input takes its own message type. After the end of the run

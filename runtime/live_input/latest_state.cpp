@@ -60,4 +60,9 @@ void LatestState::copy(Snapshot& snapshot) const {
   snapshot = newest_;
 }
 
+ArmSample LatestState::sample(std::size_t arm) const {
+  const std::lock_guard lock(mutex_);
+  return newest_.arms.at(arm).sample;
+}
+
 }  // namespace multipanda

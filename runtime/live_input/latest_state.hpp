@@ -49,6 +49,7 @@ class LatestState {
 
   // --- any other thread ---
   void copy(Snapshot& snapshot) const;
+  ArmSample sample(std::size_t arm) const;
 
  private:
   using Clock = std::chrono::steady_clock;

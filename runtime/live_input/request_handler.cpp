@@ -374,18 +374,9 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
     pending.arm = target;
     run_.latest->copy(snapshot_);
     take_gripper(target, *of_gripper, pending);
-    // What is held and shall be held more firmly would fall.
-    const bool tightens =
-        snapshot_.arms[target].sample.gripper_grasped &&
-        (std::holds_alternative<GripperGrasp>(*of_gripper) || std::holds_alternative<VacuumOn>(*of_gripper));
-    if (!ends_motion(BackendRequest(*of_gripper)) && !tightens) {
-      const bool suction =
-          std::holds_alternative<VacuumOn>(*of_gripper) || std::holds_alternative<VacuumDrop>(*of_gripper);
-      pending.ending = suction ? GripperRequest(VacuumStop{}) : GripperRequest(GripperStop{});
-      if (std::holds_alternative<GripperFollow>(*of_gripper))
-        pending.ending = GripperRequest(GripperFollow{});
-    }
-    pending.answer = request_arm(*run_.modes, *run_.backend, target, std::move(*of_gripper));
+    const ArmSample& sample = snapshot_.arms[target].sample;
+    pending.ending = ending_of(*of_gripper, sample.gripper_grasped);
+    pending.answer = request_arm(*run_.modes, *run_.backend, target, std::move(*of_gripper), sample.mode);
   } else {
     auto& of_arm = std::get<ArmRequest>(request);
     const auto* load = std::get_if<SetLoad>(&of_arm);
@@ -401,20 +392,15 @@ std::string RequestHandler::halted(ArmIndex arm) const {
   return halts ? std::string(to_string(mode)) : std::string();
 }
 
-// While a gripper follows one client's widths, others may only stop and open it. What is refused here changes
-// nothing, so that who is followed still counts when the client is gone.
+// What is refused here changes nothing, so that who is followed still counts when the client is gone.
 void RequestHandler::take_gripper(ArmIndex arm, const GripperRequest& request, Pending& pending) {
   const std::lock_guard lock(run_.followed->mutex);
   Followed::Gripper& gripper = run_.followed->grippers[arm];
   const HostTime now = host_now();
   const bool ends = ends_motion(BackendRequest(request)), own = gripper.client == pending.client;
-  const auto* move = std::get_if<GripperMove>(&request);
   const ArmSample& sample = snapshot_.arms[arm].sample;
-  const bool opens = move != nullptr && sample.has_gripper && move->width > sample.gripper_width;
-  if (!ends && !opens && !own && now < gripper.until)
-    throw RequestRefused("arm_refused", "the gripper of arm '" + run_.modes->arm_name(arm) +
-                                            "' follows widths of another client: end that stream first, or "
-                                            "'stop' the gripper; a move that opens it is accepted");
+  if (gripper.refuses(request, pending.client, sample.has_gripper ? sample.gripper_width : 1e9, now))
+    throw RequestRefused("arm_refused", Followed::refusal(run_.modes->arm_name(arm)));
   const auto* follow = ends ? nullptr : std::get_if<GripperFollow>(&request);
   if (auto why = check(request); !ends && !why.empty()) {
     if (follow == nullptr) return;  // refused next
@@ -513,7 +499,7 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
         return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", "the backend did not answer"}};
       }
     }
-    if (pending.ending && run_.modes->stopped().contains(pending.arm))
+    if (pending.ending && gripper_stops(*run_.modes, pending.arm, run_.latest->sample(pending.arm).mode))
       (void)run_.backend->request(pending.arm, *std::exchange(pending.ending, {}));
     const double patience = std::max(kArmPatience, pending.patience_s);
     if (waited <= patience) return {};

@@ -18,6 +18,7 @@
 #include "core/cycle/backend.hpp"
 #include "core/modes/multimode_controller.hpp"
 #include "logs/log_choice.hpp"
+#include "runtime/followed.hpp"
 #include "runtime/live_input/json_fields.hpp"
 #include "runtime/live_input/latest_state.hpp"
 #include "runtime/live_input/stream_packet.hpp"
@@ -32,23 +33,6 @@ struct EpisodeCount {
   std::mutex mutex;
   std::uint64_t episode = 0;  // 0: none
   bool open = false;
-};
-
-// Whose widths the grippers follow, shared by all interfaces of a run.
-struct Followed {
-  static constexpr std::int64_t kShortestPause = 200'000'000;  // [ns]
-  struct Gripper {
-    const void* client = nullptr;            // whose width was the last one
-    HostTime until, pause;                   // when that is silent; when its stream has paused
-    std::map<const void*, HostTime> paused;  // clients whose widths are refused until then
-    // Without a pause the next width of the same stream would move the fingers again.
-    void end(HostTime now, bool pauses) {
-      if (pauses && now < pause) paused[client] = std::max(pause, HostTime{now.ns + kShortestPause});
-      until = pause = {};
-    }
-  };
-  std::mutex mutex;
-  std::vector<Gripper> grippers;  // per arm
 };
 
 // The parts of a run that live input uses. They must outlive the server. Copies share the count of episodes

@@ -366,9 +366,14 @@ TEST(Loads, AreRefusedWhileTheArmIsStoppedOrGuided) {
   ASSERT_TRUE(loop.activate({"guide"}).accepted());
   EXPECT_THAT(answer(0), HasSubstr("guided by hand by 'guide'"));
   EXPECT_EQ(answer(1), of_backend);
+  std::uint8_t mode = 0;
   const auto of_gripper = [&](GripperRequest request) {
-    return request_arm(loop.modes(), loop.world, 1, std::move(request)).get().reason;
+    return request_arm(loop.modes(), loop.world, 1, std::move(request), mode).get().reason;
   };
+  mode = static_cast<std::uint8_t>(ArmMode::user_stopped);
+  EXPECT_THAT(of_gripper(GripperMove{}), HasSubstr("is stopped by its button"));
+  EXPECT_THAT(of_gripper(GripperStop{}), Not(HasSubstr("is stopped")));
+  mode = static_cast<std::uint8_t>(ArmMode::move);
   EXPECT_THAT(of_gripper(GripperMove{}), Not(HasSubstr("is stopped")));
   loop.modes().stop(ArmSet::all(2));
   loop.step();
@@ -975,6 +980,26 @@ TEST_F(FollowingTest, AStreamThatWasEndedPausesFirst) {
   // Its own hold and motions are its own will.
   EXPECT_EQ(send({{"action", "follow"}}, one_), "");
   EXPECT_EQ(send(follow(0.03), one_), "");
+}
+
+TEST(GripperMotion, EndsAsItBegan) {
+  const auto end = [](const GripperRequest& request, bool grasped = false) {
+    const auto found = ending_of(request, grasped);
+    return found ? static_cast<int>(found->index()) : -1;
+  };
+  const int fingers = static_cast<int>(GripperRequest(GripperStop{}).index());
+  const int pump = static_cast<int>(GripperRequest(VacuumStop{}).index());
+  EXPECT_EQ(end(GripperHoming{}), fingers);
+  EXPECT_EQ(end(GripperMove{}, true), fingers);
+  EXPECT_EQ(end(GripperGrasp{}), fingers);
+  EXPECT_EQ(end(GripperGrasp{}, true), -1);  // what is held would fall
+  EXPECT_EQ(end(VacuumOn{}), pump);
+  EXPECT_EQ(end(VacuumOn{}, true), -1);
+  EXPECT_EQ(end(VacuumDrop{}, true), pump);
+  EXPECT_EQ(end(GripperFollow{.width = 0.03}), static_cast<int>(GripperRequest(GripperFollow{}).index()));
+  EXPECT_EQ(end(GripperFollow{}), -1);
+  EXPECT_EQ(end(GripperStop{}), -1);
+  EXPECT_EQ(end(VacuumStop{}), -1);
 }
 
 // A person presses the arm's button.

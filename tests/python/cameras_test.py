@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
 """Cameras: where things are in their pictures by the pinhole's law, pairing with states, faults, logs, environments."""
 
+import contextlib
 import importlib.util
+import pathlib
 import sys
 import threading
 import time
@@ -18,6 +20,7 @@ import multipanda as mp
 import numpy as np
 from harness import FOLDER, until
 from multipanda.scene_camera import SceneView
+from ssh_server import MISSING, Sshd
 
 BALL_M = np.array([0.306, 0.0, 0.35])  # below the hand at home
 RADIUS_M = 0.012
@@ -150,10 +153,10 @@ class Late(mp.Camera):
         self._view.close()
 
 
-def errors_s(run, camera, count):
+def errors_s(run, camera, count, client=None):
     """How far the paired state is from the picture, as time: pixels by the ball's speed in the picture."""
     found, number = [], 0
-    with mp.Cameras(run, {"late": camera}) as see:
+    with mp.Cameras(client or run, {"late": camera}) as see:
         for _ in range(1000):
             pair = see.pair(see.newer("late", number))
             number = pair.picture.number
@@ -179,6 +182,24 @@ class Paired(unittest.TestCase):
             # The same measure finds an undeclared delay; less than 80 ms where the speed changes meanwhile.
             found = errors_s(run, Late(run, 0.08, 0.0), 8)
             self.assertGreater(np.median(found[:, 0]), 0.015)
+
+    @unittest.skipIf(MISSING, MISSING)
+    def test_a_moving_ball_over_ssh(self):
+        """The far client has every 20th record; the delayed camera knows each of the loop's."""
+        with contextlib.closing(Sshd(FOLDER / "ssh")) as sshd, Swinging() as run:
+            url = f"ssh://127.0.0.1:{sshd.port}/{pathlib.Path(run.connection.path).stem}"
+            ssh = ["ssh", "-F", str(sshd.config)]
+            with mp.connect(url, program=mp.program_path(), ssh=ssh, silence_s=10) as far:
+                found = errors_s(run, Late(run, 0.08, 0.08), 12, far)
+                self.assertLess(found[:, 0].max(), 5e-3)
+                self.assertLess(np.median(found[:, 1]), 5e-3)
+                with mp.Cameras(far, {"hand": ON_FLANGE}, scene=str(SCENE)) as see:
+                    pairs, number = [], 0
+                    for _ in range(12):
+                        pairs.append(see.pair(see.newer("hand", number)))
+                        number = pairs[-1].picture.number
+                # The scene's cameras know their cycle, whose record is asked for; objects may be newer.
+                self.assertLess(np.median([pair.error_s - pair.picture.uncertainty_s for pair in pairs]), 1e-9)
 
     def test_pictures_of_a_run_are_those_of_their_states(self):
         with Swinging() as run, mp.Cameras(run, {"hand": ON_FLANGE, "world": STANDING}) as see:

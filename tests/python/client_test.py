@@ -233,6 +233,20 @@ class TwoArms(unittest.TestCase):
         state = self.run_["right_joint"].goal("joints", q, duration_s=0.3).wait(PATIENCE)
         self.assertLess(abs(state.q_rad - q).max(), 0.03)
 
+    def test_goals_of_a_law_of_two_arms(self):
+        self.run_.switch("dual", only=True)
+        law, arms = self.run_["dual"], self.run_.arms.values()
+        heights = np.array([arm.state.pose.position_m[2] for arm in arms])
+        goal = law.goal("common_pose", law.set_point("common_pose").moved(z=0.03), duration_s=2)
+        with self.assertRaisesRegex(mp.Timeout, "2.0 s at least"):
+            goal.wait(0.01)
+        goal.wait(PATIENCE)
+        now = [arm.state for arm in arms]
+        # Both hands follow one pose, which begins in their middle.
+        np.testing.assert_allclose([state.pose.position_m[2] for state in now], heights.mean() + 0.03, atol=0.01)
+        self.assertLess(max(abs(state.dq_rad_per_s).max() for state in now), 0.05)
+        self.run_.switch(["left_cartesian", "right_cartesian"])
+
     def test_goals_relative_to_the_set_point(self):
         for _ in range(3):
             goal = self.law.set_point("pose").moved(z=0.02)
@@ -702,6 +716,21 @@ class Gripper(unittest.TestCase):
             self.assertAlmostEqual(arm.gripper.state.width_m, width_m, delta=2e-4)
             arm.gripper.stop()  # of what it may hold
             run.resume()
+            arm.gripper.move(0.07)
+
+    def test_the_arms_button_stops_its_gripper_too(self):
+        with mp.run("grippers") as run, mp.connect(run.connection.path) as other:
+            arm = run.arms["left"]
+            closing = threading.Thread(target=lambda: self.assertRaises(mp.Refused, arm.gripper.move, 0.03, 0.01))
+            closing.start()
+            until(lambda: arm.gripper.state.width_m < 0.075, "it closes")
+            other.arms["left"].user_stop(True)
+            closing.join(60)
+            until(lambda: not arm.gripper.state.moving, "it is at rest")
+            self.assertGreater(arm.gripper.state.width_m, 0.05)
+            with self.assertRaisesRegex(mp.Refused, "stopped by its button, and so is its gripper"):
+                arm.gripper.grasp(0.04, 20)
+            arm.user_stop(False)
             arm.gripper.move(0.07)
 
     def test_an_arm_without_one(self):

@@ -141,6 +141,8 @@ class Model(unittest.TestCase):
                 self.assertTrue(np.all(found >= model.q_min_rad) and np.all(found <= model.q_max_rad))
         near = model.home_rad + 0.05
         np.testing.assert_allclose(model.inverse(model.pose(near), near), near)
+        with self.assertRaisesRegex(ValueError, "'two_arms'.*of a scene, name one: .*arm="):
+            mp.model("two_arms")
         with self.assertRaisesRegex(mp.Refused, "no joint angles .* are left"):
             model.inverse(mp.Pose.at([2, 0, 0]))
 

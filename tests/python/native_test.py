@@ -256,6 +256,39 @@ class Commands(unittest.TestCase):
         self.world.gripper_grasp("left", 0.01, 20)  # there is nothing
         self.world.step(2000)
         self.assertNotIn(self.world.gripper_answer("left"), ("", "done"))
+        for arm, stop, again in (
+            ("left", lambda: self.world.stop("left"), lambda: self.world.resume("left")),
+            ("right", lambda: self.world.user_stop("right"), lambda: self.world.user_stop("right", False)),
+        ):
+            self.world.gripper_move(arm, 0.07)
+            self.world.step(2000)
+            self.world.gripper_move(arm, 0.01, speed_m_per_s=0.02)  # 3 s
+            self.world.step(500)
+            stop()
+            self.world.step(500)
+            width_m = self.world.arms[arm].gripper[0]
+            self.assertGreater(width_m, 0.05, arm)
+            self.world.gripper_move(arm, 0.01)
+            self.world.step(1000)
+            self.assertIn("is stopped", self.world.gripper_answer(arm))
+            self.assertAlmostEqual(self.world.arms[arm].gripper[0], width_m, delta=2e-4)
+            again()
+            self.world.step(500)
+            self.world.gripper_move(arm, 0.03)
+            self.world.step(2000)
+            self.assertEqual(self.world.gripper_answer(arm), "done")
+
+    def test_what_a_stopped_arm_holds_stays_held(self):
+        world = native.World("grippers")
+        world.gripper_grasp("left", 0.04, 30)
+        world.step(2000)
+        self.assertEqual(world.arms["left"].gripper[1], 1)
+        world.stop("left")
+        world.step(100)
+        world.gripper_move("left", 0.07)
+        world.step(1000)
+        self.assertIn("is stopped", world.gripper_answer("left"))
+        self.assertEqual(world.arms["left"].gripper[1], 1)
 
     def test_stop_and_resume(self):
         self.world.stop("left")

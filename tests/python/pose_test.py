@@ -103,6 +103,8 @@ class Poses(unittest.TestCase):
             (lambda: mp.Pose.at() @ [1, 2], "found shape (2,)"),
             (lambda: mp.Pose.at(rotation=np.diag([1, 1, -1])), "expected a rotation matrix"),
             (lambda: mp.Pose.at(rpy_rad=[0, 0]), "rpy_rad: expected 3 numbers"),
+            (lambda: mp.Pose.at(rpy_rad=[180, 0, 0]), "these look like degrees"),
+            (lambda: mp.Pose.at().turned([0, 0, -90]), "these look like degrees"),
             (lambda: mp.Pose.at(rpy_rad=[0, 0, 0], quaternion_xyzw=unit), "rpy_rad and quaternion_xyzw"),
         ):
             with self.assertRaises(ValueError) as caught:

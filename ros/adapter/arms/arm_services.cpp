@@ -4,6 +4,7 @@
 #include <future>
 #include <memory>
 #include <multipanda_msgs/srv/recover_from_error.hpp>
+#include <optional>
 #include <std_srvs/srv/set_bool.hpp>
 #include <std_srvs/srv/trigger.hpp>
 #include <stdexcept>
@@ -136,6 +137,17 @@ void ArmServices::offer_vacuum() {
 
 namespace {
 
+// Ends what a gripper follows for this request. False: another client's widths come first.
+bool takes(const AdapterContext& run, ArmIndex arm, const GripperRequest& request, const ArmSample& now) {
+  if (!run.followed) return true;
+  const std::lock_guard lock(run.followed->mutex);
+  if (run.followed->grippers.size() <= arm) return true;
+  Followed::Gripper& gripper = run.followed->grippers[arm];
+  if (gripper.refuses(request, nullptr, now.gripper_width, host_now())) return false;
+  if (ends_motion(request) || check(request).empty()) gripper.end(host_now(), true);
+  return true;
+}
+
 template <typename Request>
 void send(const AdapterContext& run, ArmIndex arm, Request request, double timeout_s,
           std::function<void(const RequestAnswer&)> answered) {
@@ -145,15 +157,38 @@ void send(const AdapterContext& run, ArmIndex arm, Request request, double timeo
       return answered({.success = false, .reason = why});
   }
   std::shared_ptr<std::future<RequestAnswer>> future;
+  std::optional<GripperRequest> ending;
+  const auto newest = [newest = run.newest, arm] { return newest ? newest(arm) : ArmSample{}; };
   try {
-    future = std::make_shared<std::future<RequestAnswer>>(
-        multipanda::request_arm(*run.modes, *run.backend, arm, std::move(request)));
+    auto answer = [&] {
+      if constexpr (std::is_same_v<Request, GripperRequest>) {
+        const ArmSample sample = newest();
+        ending = ending_of(request, sample.gripper_grasped);
+        if (!takes(run, arm, request, sample))
+          return refuse_request(Followed::refusal(run.modes->arm_name(arm)));
+        return multipanda::request_arm(*run.modes, *run.backend, arm, std::move(request), sample.mode);
+      } else {
+        return multipanda::request_arm(*run.modes, *run.backend, arm, std::move(request));
+      }
+    };
+    future = std::make_shared<std::future<RequestAnswer>>(answer());
   } catch (const std::exception& error) {
     return answered({.success = false, .reason = error.what()});
   }
   const HostTime end = host_now() + std::chrono::nanoseconds(LoopTime::from_seconds(timeout_s).ns);
+  const auto done = std::make_shared<std::atomic<bool>>(false);
+  const bool refused = future->wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+  if (ending && !refused) {  // with a stop of the arm, which no other callback delays
+    run.stops->poll_until([=, &run] {
+      if (*done) return true;
+      if (!gripper_stops(*run.modes, arm, newest().mode)) return false;
+      (void)run.backend->request(arm, *ending);
+      return true;
+    });
+  }
   (ends ? run.stops : run.executor)->poll_until([=, answered = std::move(answered)] {
     if (future->wait_for(std::chrono::seconds(0)) == std::future_status::ready) {
+      *done = true;
       RequestAnswer answer;
       try {
         answer = future->get();
@@ -164,6 +199,7 @@ void send(const AdapterContext& run, ArmIndex arm, Request request, double timeo
       return true;
     }
     if (host_now() < end) return false;
+    *done = true;
     answered({.success = false, .reason = kRequestUnfinished});
     return true;
   });

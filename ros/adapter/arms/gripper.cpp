@@ -138,8 +138,6 @@ std::unique_ptr<ActionServer<A>> Gripper::offer(
     {
       const std::lock_guard lock(mutex_);
       if (running_) running_->preempted = true;
-      // What is held and shall be held more firmly would fall.
-      running->ends = !width_.grasped || !std::holds_alternative<GripperGrasp>(request);
       running_ = running;
     }
     request_arm(run_, arm_, std::move(request), kGripperTimeout,
@@ -183,8 +181,6 @@ void Gripper::take(const CycleRecord& record) {
     const std::lock_guard lock(mutex_);
     width_ = now;
     running = running_;
-    if (running && run_.modes->stopped().contains(arm_) && std::exchange(running->ends, false))
-      (void)run_.backend->request(arm_, GripperStop{});
   }
   if (feedback_due_.due(record.cycle) && running) running->feedback(now);
   if (!joints_.due(record.cycle)) return;

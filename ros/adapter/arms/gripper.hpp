@@ -44,7 +44,6 @@ class Gripper : public AdapterPart {
   struct Running {
     std::function<void(const Width&)> feedback;
     bool preempted = false;
-    bool ends = true;  // with a stop of the arm
   };
 
   template <class A>
