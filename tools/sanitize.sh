@@ -1,6 +1,6 @@
 #!/bin/sh
 # Builds and runs the tests of the core and of the cockpit under one sanitizer: tools/sanitize.sh asan|ubsan|tsan
-# One at a time: address and undefined-behavior checks together make Pinocchio's files seven times as slow to compile.
+# Its compilers use the cores only while nobody else does; its programs, which have clients that wait, are merely nice.
 set -eu
 preset=$1
 cd "$(dirname "$0")/.."
@@ -16,9 +16,9 @@ if [ -n "${MULTIPANDA_FULL:-}" ]; then
   [ "$preset" = tsan ] || targets="$targets dynamics_test geometry_test guard_test controllets_test force_controllets_test coupled_ufic_test"
 fi
 # shellcheck disable=SC2086
-cmake --build --preset "$preset" --target $targets
+chrt --idle 0 cmake --build --preset "$preset" --target $targets
 # Only what was built is run. The first fault ends the run, so that nothing that follows hides it. Long series stay
 # short, and those of a thousand random motions are left out: the sanitizers look for faults of the code, not of the
 # mathematics.
-exec env -u MULTIPANDA_FULL GTEST_FILTER='-*ViaMotion.KeepsItsLimits*:*SamplesAtRandom*' \
+exec nice env -u MULTIPANDA_FULL GTEST_FILTER='-*ViaMotion.KeepsItsLimits*:*SamplesAtRandom*' \
   ctest --stop-on-failure --test-dir "build-$preset" -R "^($(echo "$targets" | tr ' ' '|'))\$" --no-tests=error --output-on-failure -j 2
