@@ -171,9 +171,9 @@ class Studies(unittest.TestCase):
                     os.kill(victim.pid, signal.SIGKILL)
                     killed.append(victim.pid)
 
-        found = mp.study(self.file(seeds=20), out=self.out, page=False, workers=2, batch=5, progress=kill_one)
+        found = mp.study(self.file(seeds=80), out=self.out, page=False, workers=2, batch=10, progress=kill_one)
         self.assertGreaterEqual(len(killed), 1)
-        self.assertEqual(len(found.rows), 80)
+        self.assertEqual(len(found.rows), 320)
         self.assertEqual(found.errors, [])
 
     def test_a_run_that_kills_its_worker_has_no_result_and_the_others_do(self):

@@ -15,8 +15,7 @@ function record(seconds: string, ...args: string[]): string {
 
 suite("log", () => {
   let run: Run;
-  let folder: string;
-  before(async () => (run = await Run.start("cockpit", (folder = record("12")))));
+  before(async () => (run = await Run.start("cockpit", record("12"))));
   after(() => run.end());
 
   test("a log is scrubbed and played, and commands nothing", async () => {
@@ -47,7 +46,8 @@ suite("log", () => {
   });
 
   test("a second log is drawn beside the first, and both move together", async () => {
-    const both = await Run.start("cockpit", folder, record("9"));
+    const [folder, other] = [record("12"), record("9")];
+    const both = await Run.start("cockpit", folder, other);
     try {
       const { page, context, complaints } = await open(both.url);
       await page.getByText(/compared with .* \(pale\)/).waitFor();
