@@ -5,12 +5,11 @@ set -eu
 preset=$1
 cd "$(dirname "$0")/.."
 cmake --preset "$preset"
-# modes_test takes every controllet with every feature through the loop; the tests of single laws come along in the
-# full series, where they concern the sanitizer: races need threads, and laws have none, nor has core_test.
-# cockpit_server_test has the thread that hears the page server; the cockpit's clients and a whole run with pages come
-# along in the full series, because they need the simulation.
-targets="threads_test modes_test cockpit_server_test"
-[ "$preset" = tsan ] || targets="$targets core_test"
+# Races need threads, which these have: threads_test those that post to the loop, cockpit_server_test the one that hears
+# the page server. modes_test takes every controllet with every feature through the loop; the tests of single laws come
+# along in the full series, as do the cockpit's clients and a whole run with pages, because they need the simulation.
+targets="threads_test cockpit_server_test"
+[ "$preset" = tsan ] || targets="$targets core_test modes_test"
 if [ -n "${MULTIPANDA_FULL:-}" ]; then
   targets="$targets cockpit_test"
   [ "$preset" = tsan ] || targets="$targets dynamics_test geometry_test guard_test controllets_test force_controllets_test coupled_ufic_test"
