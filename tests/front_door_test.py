@@ -436,7 +436,7 @@ class FrontDoor(unittest.TestCase):
         self.assertTrue(result.stdout.endswith("-L first -R hold -j8 full=0 series=\n"), result.stdout)
         self.assertIn("--output-on-failure --no-tests=error", result.stdout)
         result = self.call("test", "--all", "-V")
-        self.assertTrue(result.stdout.endswith("-j 2 --repeat until-pass:2 -V full=0 series=\n"), result.stdout)
+        self.assertTrue(result.stdout.endswith("-j 3 --repeat until-pass:2 -V full=0 series=\n"), result.stdout)
         result = self.call("test", "--long")
         self.assertTrue(result.stdout.endswith("-C full full=1 series=tenth\n"), result.stdout)
 

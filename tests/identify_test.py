@@ -12,7 +12,6 @@ import pathlib
 import subprocess
 import sys
 import tempfile
-import time
 import unittest
 
 import numpy as np
@@ -191,7 +190,6 @@ class Identify(InFolder):
     def test_real_data_from_file_to_prediction(self):
         model, page = self.path / "panda.yaml", self.path / "page"
         urdf, mjcf = self.path / "panda.urdf", self.path / "panda.xml"
-        begin = time.monotonic()
         done = call(
             "identify",
             DATA,
@@ -207,7 +205,6 @@ class Identify(InFolder):
             "--mjcf",
             mjcf,
         )
-        taken = time.monotonic() - begin
         self.assertEqual(done.returncode, 0, done.stderr)
         result = json.loads(done.stdout)
         for key in ("rmse_train", "rmse_heldout", "consistent", "parameters"):
@@ -229,7 +226,6 @@ class Identify(InFolder):
         names = [m["name"] for m in result["models_beside"]]
         self.assertIn("fer", names)
         self.assertIn("fr3", names)
-        self.assertLess(taken, 60)  # 45 s on an idle machine
         html = (page / "identification.html").read_text(encoding="utf-8")
         for part in ("<html", "Quality of the model", "unconstrained", "hardly constrained"):
             self.assertIn(part, html)

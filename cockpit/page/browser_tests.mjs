@@ -1,5 +1,5 @@
 // Runs the tests in a browser: `node browser_tests.mjs BUILD [--pictures FOLDER]`. They start the program themselves, and
-// use the page as a person does. Pictures of the page go to BUILD/cockpit_pictures, or to another folder.
+// use the page as a person does. Pictures of the page, drawn finely for the docs, go to FOLDER if there is one.
 import { spawnSync } from "node:child_process";
 import { existsSync, mkdirSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { dirname, join, resolve } from "node:path";
@@ -12,7 +12,7 @@ const skip = (why) => {
 };
 const [folder, ...rest] = process.argv.slice(2);
 const at = rest.indexOf("--pictures");
-const pictures = resolve(at >= 0 ? rest[at + 1] : join(folder, "cockpit_pictures"));
+const pictures = at >= 0 ? resolve(rest[at + 1]) : "";
 const only = rest.filter((_, k) => at < 0 || (k !== at && k !== at + 1));
 const browsers = ["/usr/bin/chromium-headless-shell", "/usr/bin/chromium", process.env.MULTIPANDA_CHROMIUM];
 const browser = browsers.find((path) => path && existsSync(path));
@@ -24,7 +24,7 @@ const help = spawnSync(program, ["run", "--help"], { encoding: "utf8" });
 if (!help.stdout.includes("--cockpit")) skip(`${program} has no cockpit`);
 
 process.chdir(dirname(fileURLToPath(import.meta.url)));
-mkdirSync(pictures, { recursive: true });
+if (pictures) mkdirSync(pictures, { recursive: true });
 // Inside of this folder, so that the tests find the packages.
 const out = mkdtempSync(join("node_modules", ".browser-"));
 try {
@@ -45,14 +45,7 @@ try {
     sourcemap: "inline",
     logLevel: "warning",
   });
-  const docs = at >= 0 ? { COCKPIT_FOR_DOCS: "1" } : {};
-  const env = {
-    ...process.env,
-    ...docs,
-    COCKPIT_BROWSER: browser,
-    COCKPIT_PROGRAM: program,
-    COCKPIT_PICTURES: pictures,
-  };
+  const env = { ...process.env, COCKPIT_BROWSER: browser, COCKPIT_PROGRAM: program, COCKPIT_PICTURES: pictures };
   const run = spawnSync(
     process.execPath,
     ["--enable-source-maps", "--test-reporter=spec", "--test", join(out, "all.mjs")],

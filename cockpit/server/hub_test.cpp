@@ -60,11 +60,8 @@ class Echo final : public Hub::Handler {
 
 class HubTest : public testing::Test {
  protected:
-  static HubLimits quick() {
+  static HubLimits small() {
     HubLimits limits;
-    limits.first_s = 0.3;
-    limits.ping_s = 0.1;
-    limits.silent_s = 0.6;
     limits.connections = 8;
     limits.message = 2000;
     limits.messages_per_s = 1e-3;
@@ -169,7 +166,7 @@ TEST_F(HubTest, AFirstMessageIsShort) {
 }
 
 TEST_F(HubTest, BoundsMessagesAndTheirRate) {
-  const auto server = hub(quick());
+  const auto server = hub(small());
   Page page(server->port());
   ASSERT_TRUE(page.open(server->port(), token_));
   for (int i = 0; i < 150; ++i) page.say("1");  // a hundred at once are allowed
@@ -200,24 +197,28 @@ TEST_F(HubTest, AnswersPingsAndCloses) {
 
 // A client that says nothing is asked, then closed; a browser answers by itself.
 TEST_F(HubTest, EndsSilentClients) {
-  const auto server = hub(quick());
+  HubLimits limits;
+  limits.ping_s = 0.1;
+  limits.silent_s = 0.6;
+  auto server = hub(limits);
   Page page(server->port());
   ASSERT_TRUE(page.open(server->port(), token_));
   page.frame();
   EXPECT_EQ(page.frame()->opcode, 9);
   EXPECT_EQ(page.close_code(), 1011);  // no answer to a ping
-  Page mute(server->port());           // never asks for anything
-  EXPECT_EQ(mute.rest(), "");
+  while (echo_.left < 1) std::this_thread::yield();
+  limits = {};
+  limits.first_s = 0.3;
+  server = hub(limits);
+  Page mute(server->port());  // never asks for anything
   Page slow(server->port());
   slow.send("GET / HT");
+  EXPECT_EQ(mute.rest(), "");
   EXPECT_EQ(slow.rest(), "");
-  while (echo_.left < 1) std::this_thread::yield();
 }
 
 TEST_F(HubTest, EndsClientsThatDoNotRead) {
-  HubLimits limits = quick();
-  limits.silent_s = 60;
-  const auto server = hub(limits);
+  const auto server = hub(small());
   Page page(server->port(), 4096), other(server->port());
   ASSERT_TRUE(page.open(server->port(), token_));
   ASSERT_TRUE(other.open(server->port(), token_));
@@ -230,8 +231,7 @@ TEST_F(HubTest, EndsClientsThatDoNotRead) {
 
 // Pages that nobody closed keep nobody out: the one that was silent for longest makes room.
 TEST_F(HubTest, AFullHubTakesAnotherPage) {
-  HubLimits limits = quick();
-  limits.ping_s = limits.silent_s = 60;
+  const HubLimits limits = small();
   const auto server = hub(limits);
   std::list<Page> pages;
   for (std::size_t i = 0; i < limits.connections; ++i) {
@@ -290,7 +290,7 @@ TEST_F(HubTest, AFloodKeepsNoStopOfAnotherPageWaiting) {
 
 // Beyond its limits, and while its connection closes, a page still stops.
 TEST_F(HubTest, AStopCountsBeyondTheLimits) {
-  const auto server = hub(quick());
+  const auto server = hub(small());
   Page page(server->port());
   ASSERT_TRUE(page.open(server->port(), token_));
   std::string all;

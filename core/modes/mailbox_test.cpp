@@ -127,5 +127,39 @@ TEST(Mailbox, BatchesStayWholeAmongManyThreads) {
   for (int round = 0; round < rounds && !HasFailure(); ++round) batches_stay_whole();
 }
 
+// One thread withdraws each call while another takes it: exactly one of them gets it, in any order.
+TEST(Mailbox, AWithdrawalAndTheLoopNeverBothSucceed) {
+  const auto box = std::make_unique<Mailbox>();
+  constexpr int kCalls = 20000;
+  std::vector<char> withdrawn(kCalls), taken(kCalls);
+  std::thread asker([&] {
+    const Request request;
+    for (int k = 0; k < kCalls; ++k) {
+      std::uint64_t ticket = 0;
+      while ((ticket = box->post(std::span(&request, 1))) == 0) std::this_thread::yield();
+      for (int spin = 0; spin < k % 64; ++spin) std::atomic_signal_fence(std::memory_order_seq_cst);
+      withdrawn[static_cast<std::size_t>(k)] = box->withdraw(ticket) ? 1 : 0;
+    }
+  });
+  for (int k = 0; k < kCalls;) {
+    const Mailbox::Posted* front = box->front();
+    if (front == nullptr) {
+      std::this_thread::yield();
+      continue;
+    }
+    EXPECT_EQ(front->ticket, static_cast<std::uint64_t>(k + 1));
+    taken[static_cast<std::size_t>(k++)] = box->claim(host_now()) == Mailbox::Claim::taken ? 1 : 0;
+    box->pop();
+  }
+  asker.join();
+  int both = 0, neither = 0;
+  for (std::size_t k = 0; k < kCalls; ++k) {
+    both += withdrawn[k] != 0 && taken[k] != 0;
+    neither += withdrawn[k] == 0 && taken[k] == 0;
+  }
+  EXPECT_EQ(both, 0);
+  EXPECT_EQ(neither, 0);
+}
+
 }  // namespace
 }  // namespace multipanda::mailbox_test

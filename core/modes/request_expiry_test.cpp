@@ -1,5 +1,3 @@
-#include <atomic>
-#include <memory>
 #include <thread>
 
 #include <gtest/gtest.h>
@@ -157,40 +155,6 @@ TEST(GapWatch, CountsFromTheLastLook) {
   EXPECT_EQ(watch.look(after(6.1), 1, boot + std::chrono::milliseconds(100)), after(2));
   EXPECT_EQ(watch.look(after(6.2), 1, boot + std::chrono::seconds(60)), after(6.2));
   EXPECT_NEAR(seconds(watch.length()), 59.9, 1e-9);
-}
-
-// One thread withdraws each call while another takes it: exactly one of them gets it, in any order.
-TEST(Mailbox, AWithdrawalAndTheLoopNeverBothSucceed) {
-  const auto box = std::make_unique<Mailbox>();
-  constexpr int kCalls = 20000;
-  std::vector<char> withdrawn(kCalls), taken(kCalls);
-  std::thread asker([&] {
-    const Request request;
-    for (int k = 0; k < kCalls; ++k) {
-      std::uint64_t ticket = 0;
-      while ((ticket = box->post(std::span(&request, 1))) == 0) std::this_thread::yield();
-      for (int spin = 0; spin < k % 64; ++spin) std::atomic_signal_fence(std::memory_order_seq_cst);
-      withdrawn[static_cast<std::size_t>(k)] = box->withdraw(ticket) ? 1 : 0;
-    }
-  });
-  for (int k = 0; k < kCalls;) {
-    const Mailbox::Posted* front = box->front();
-    if (front == nullptr) {
-      std::this_thread::yield();
-      continue;
-    }
-    EXPECT_EQ(front->ticket, static_cast<std::uint64_t>(k + 1));
-    taken[static_cast<std::size_t>(k++)] = box->claim(host_now()) == Mailbox::Claim::taken ? 1 : 0;
-    box->pop();
-  }
-  asker.join();
-  int both = 0, neither = 0;
-  for (std::size_t k = 0; k < kCalls; ++k) {
-    both += withdrawn[k] != 0 && taken[k] != 0;
-    neither += withdrawn[k] == 0 && taken[k] == 0;
-  }
-  EXPECT_EQ(both, 0);
-  EXPECT_EQ(neither, 0);
 }
 
 }  // namespace

@@ -131,7 +131,7 @@ class Studies(unittest.TestCase):
 
     def test_killed_with_kill_9_it_goes_on(self):
         """The study is killed in the middle; then it does what is missing, and nothing twice."""
-        file = self.file(seeds=60)
+        file = self.file(seeds=20)
         process = subprocess.Popen(
             [*program_words(), str(file), "--out", str(self.out), "--no-page"],
             stdout=subprocess.DEVNULL,
@@ -141,11 +141,11 @@ class Studies(unittest.TestCase):
         process.kill()
         process.wait()
         before = {path: path.stat().st_mtime_ns for path in self.results()}
-        self.assertLess(len(before), 240)
+        self.assertLess(len(before), 80)
         until(lambda: not self._workers_of(file), "its workers end as well")
         before = {path: path.stat().st_mtime_ns for path in self.results()}
         found = mp.study(file, out=self.out, page=False)
-        self.assertEqual((len(found.rows), found.skipped), (240, len(before)))
+        self.assertEqual((len(found.rows), found.skipped), (80, len(before)))
         for path, time_ns in before.items():
             self.assertEqual(path.stat().st_mtime_ns, time_ns)
         whole = mp.study(file, out=self.folder / "whole", page=False)
@@ -347,8 +347,8 @@ class Studies(unittest.TestCase):
             if len(pools) == 1 and self.results():
                 os.kill(next(iter(pools[0]._processes)), signal.SIGKILL)
 
-        found = mp.study(self.file(seeds=50), make, out=self.out, page=False, batch=5, progress=kill_one)
-        self.assertEqual(len(found.rows), 200)
+        found = mp.study(self.file(seeds=15), make, out=self.out, page=False, batch=5, progress=kill_one)
+        self.assertEqual(len(found.rows), 60)
         for pool in pools:
             pool.shutdown(wait=True, cancel_futures=True)
 

@@ -30,10 +30,10 @@ os.environ["PYTHONPATH"] = str(PACKAGE)  # of workers
 import multipanda as mp
 
 VARIANTS = {"task-1": None, "task-2": None, "task-3": "k10", "task-4": "mu03_k10", "task-5": "known"}
-REPEATS = 3
 MEDIAN, WORST = 0.5, 0.8
 RIPPLE = 1.1  # after/before of the control error, with ripple that no model has
 FULL = os.environ.get("MULTIPANDA_FULL") == "1"
+REPEATS = 3 if FULL else 2
 
 
 def study_of(tasks, first, count, drives):

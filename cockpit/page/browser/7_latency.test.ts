@@ -2,9 +2,9 @@
 // computer that they are measured on; without a graphics card most of both is drawing.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { activateAtOnce, gizmoHandle, holding, open, Run, takeControl, until } from "./support.ts";
+import { activateAtOnce, gizmoHandle, holding, open, pictures, Run, takeControl, until } from "./support.ts";
 
-const kCount = process.env["COCKPIT_FOR_DOCS"] ? 20 : 4; // of drags; many where pictures and figures are asked for
+const kCount = pictures ? 20 : 4; // of drags; many where pictures and figures are asked for
 
 test("latencies: state to picture, drag to torque", async (t) => {
   const run = await Run.idle("two_arms");

@@ -4,7 +4,7 @@ import { join } from "node:path";
 import { test } from "node:test";
 import { activate, hold, open, patiently, pictures, Run, takeControl, temporaryFolder, until } from "./support.ts";
 
-test("a screencast: jog, switch, stop", { skip: !process.env["COCKPIT_FOR_DOCS"] }, async () => {
+test("a screencast: jog, switch, stop", { skip: !pictures }, async () => {
   // Drawing in software, and filming, take longer than the example's streams may be silent.
   const scene = join(temporaryFolder(), "two_arms.yaml");
   const text = readFileSync("../../config/scenes/two_arms.yaml", "utf8");

@@ -10,6 +10,7 @@ import { chromium, type Browser, type BrowserContext, type Locator, type Page } 
 import type { LiveState } from "../src/model/live.ts";
 
 const program = process.env["COCKPIT_PROGRAM"]!;
+/** The folder of pictures for the docs; empty: none are made. */
 export const pictures = process.env["COCKPIT_PICTURES"]!;
 /** Arms that every function of the page is tested on. */
 export const kBackends = ["mujoco", "virtual"] as const;
@@ -106,7 +107,7 @@ export async function open(url: string, options: PageOptions = {}): Promise<Cock
   const context = await browser.newContext({
     viewport: { width: options.width ?? 1280, height: options.height ?? 800 },
     colorScheme: options.theme ?? "dark",
-    deviceScaleFactor: options.sharp || process.env["COCKPIT_FOR_DOCS"] ? 1 : 0.5,
+    deviceScaleFactor: options.sharp || pictures ? 1 : 0.5,
     hasTouch: options.touch ?? false,
   });
   contexts.set(url, [...(contexts.get(url) ?? []), context]);
@@ -195,7 +196,7 @@ export async function tooSlowToHold(page: Page): Promise<string | undefined> {
         gaps.push(now - last);
         last = now;
         stage.touch();
-        if (now - begun < 3000) requestAnimationFrame(frame);
+        if (now - begun < 1000) requestAnimationFrame(frame);
         else done();
       };
       requestAnimationFrame(frame);
@@ -389,7 +390,9 @@ export function gizmoHandle(page: Page): Promise<number[]> {
   });
 }
 
+/** A picture of the page, where pictures are asked for. */
 export async function picture(page: Page, name: string): Promise<void> {
+  if (!pictures) return;
   // Software renderers draw coarsely to keep pace; pictures for the docs are drawn as on a graphics card.
   await page.evaluate(() => window.cockpit.stage.drawSharply());
   await page.screenshot({ path: join(pictures, `${name}.png`) });
@@ -397,15 +400,15 @@ export async function picture(page: Page, name: string): Promise<void> {
 
 const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core"), "utf8");
 
-/** Fails with what axe-core finds wrong: what somebody cannot see, hear or point at. */
-export async function assertAccessible(page: Page, where: string): Promise<void> {
+/** Fails with what axe-core finds wrong, by all of its rules or these: what somebody cannot see, hear or point at. */
+export async function assertAccessible(page: Page, where: string, ...rules: string[]): Promise<void> {
   await page.evaluate(axe);
-  const found = (await page.evaluate(async () => {
+  const found = (await page.evaluate(async (rules) => {
     const { violations } = await (
-      window as never as { axe: { run(): Promise<{ violations: Violation[] }> } }
-    ).axe.run();
+      window as never as { axe: { run(options: object): Promise<{ violations: Violation[] }> } }
+    ).axe.run(rules.length ? { runOnly: rules } : {});
     return violations.map(({ id, help, nodes }) => `${id}: ${help}: ${nodes.map((node) => node.html).join(" | ")}`);
-  })) as string[];
+  }, rules)) as string[];
   assert.deepEqual(found, [], where);
 }
 
