@@ -98,6 +98,12 @@ int run_program(int argc, char** argv, const ProgramWords& words,
   }
 }
 
+std::optional<std::pair<std::string, std::string>> key_and_value(const std::string& text) {
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos || equals == 0 || equals + 1 == text.size()) return {};
+  return std::pair(text.substr(0, equals), text.substr(equals + 1));
+}
+
 int become(const char* program, char** argv) {
   std::error_code error;
   const auto self = std::filesystem::read_symlink("/proc/self/exe", error);

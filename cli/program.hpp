@@ -1,8 +1,10 @@
 #pragma once
 
 #include <initializer_list>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <CLI/CLI.hpp>
@@ -33,6 +35,37 @@ struct Program {
     command->callback([this, run] { exit_code = run(); });
   }
 };
+
+// An option of a command, and what it is beyond its name, its variable and its help: named("FILE"),
+// within(0.0, 1.0), one_of({"a", "b"}), required ...
+template <typename Value, typename... How>
+CLI::Option* option(CLI::App* command, const std::string& name, Value& value, const std::string& help,
+                    const How&... how) {
+  CLI::Option* made = command->add_option(name, value, help);
+  (how(made), ...);
+  return made;
+}
+inline auto named(std::string value) {
+  return [value](CLI::Option* o) { o->type_name(value); };
+}
+inline auto within(auto low, auto high) {
+  return [low, high](CLI::Option* o) { o->check(CLI::Range(low, high)); };
+}
+inline auto one_of(std::vector<std::string> words) {
+  return [words](CLI::Option* o) { o->check(CLI::IsMember(words)); };
+}
+inline auto expecting(int count) {
+  return [count](CLI::Option* o) { o->expected(count); };
+}
+inline constexpr auto required = [](CLI::Option* o) { o->required(); };
+inline constexpr auto shown = [](CLI::Option* o) { o->capture_default_str(); };  // the default, in the help
+inline constexpr auto repeated = [](CLI::Option* o) { o->take_all(); };
+inline constexpr auto by_commas = [](CLI::Option* o) { o->delimiter(','); };
+inline constexpr auto positive = [](CLI::Option* o) { o->check(CLI::PositiveNumber); };
+inline constexpr auto existing_file = [](CLI::Option* o) { o->check(CLI::ExistingFile); };
+
+// The two parts of "KEY=VALUE", split at the first "="; nothing if one of them is empty.
+std::optional<std::pair<std::string, std::string>> key_and_value(const std::string& text);
 
 struct ProgramWords {
   std::string name, description, footer;

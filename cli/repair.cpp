@@ -11,7 +11,7 @@ void add_repair(Program& program) {
   CLI::App* command = program.add(
       "repair", "Add the missing index and footer to the log of a killed run; leave out what cannot be read",
       "  multipanda repair runs/20260102_120000_two_arms/log.mcap");
-  command->add_option("log", *path, "Log file or folder of its run")->required()->type_name("LOG");
+  option(command, "log", *path, "Log file or folder of its run", required, named("LOG"));
   program.on(command, [path] {
     const std::filesystem::path log = find_log(*path);
     const RepairResult result = repair_log(log);

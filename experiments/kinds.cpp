@@ -5,6 +5,7 @@
 #include <fstream>
 
 #include "common/machine.hpp"
+#include "common/text.hpp"
 #include "report/page_script.hpp"
 
 namespace multipanda {
@@ -98,11 +99,7 @@ const ExperimentKind* find_kind(const std::string& name) {
   return nullptr;
 }
 
-std::vector<std::string> kind_names() {
-  std::vector<std::string> names;
-  for (const auto& kind : experiment_kinds()) names.push_back(kind.name);
-  return names;
-}
+std::vector<std::string> kind_names() { return names_in(experiment_kinds()); }
 
 ExperimentResult run_experiment(const Experiment& experiment, const ExperimentOptions& options,
                                 const ExperimentProgress& progress) {

@@ -12,6 +12,7 @@
 #include <fmt/ranges.h>
 
 #include "benchmarks/bare/bare_libraries.hpp"
+#include "common/text.hpp"
 #include "core/model/arm_model.hpp"
 #include "core/types/statistics.hpp"
 #include "core/types/time.hpp"
@@ -155,8 +156,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   const double duration_s = run.fast ? settings.fast_duration_s : settings.duration_s;
   const std::string name = fmt::format("{}_{}", condition.name, repeat);
   const OpenedScene opened = changed_scene(run.experiment, settings.scene, settings.plant, condition.set);
-  std::vector<std::string> arms;
-  for (const auto& arm : opened.scene.arms) arms.push_back(arm.name);
+  const std::vector<std::string> arms = names_in(opened.scene.arms);
 
   std::unique_ptr<CommandTrace> trace;
   std::optional<MotionExtent> extent;
@@ -262,8 +262,7 @@ Json run_delay_check(const PerformanceRun& run, double delay_s) {
                  .value = fmt::format("{}", delay_s),
                  .place = {run.experiment.path, 0}});
   const OpenedScene opened = changed_scene(run.experiment, run.settings.scene, run.settings.plant, set);
-  std::vector<std::string> arms;
-  for (const auto& arm : opened.scene.arms) arms.push_back(arm.name);
+  const std::vector<std::string> arms = names_in(opened.scene.arms);
 
   std::unique_ptr<CommandTrace> trace;
   SessionOptions options{.paced = false, .backend = run.backend, .duration_s = check.duration_s + 1};

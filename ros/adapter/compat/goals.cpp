@@ -32,14 +32,6 @@ const char* message_of(Goal goal) {
   }
 }
 
-Numbers pose_numbers(const MessageType& type, const std::string& path) {
-  std::vector<std::string> paths;
-  for (const char* part : {"position.x", "position.y", "position.z", "orientation.w", "orientation.x",
-                           "orientation.y", "orientation.z"})
-    paths.push_back(path + "." + part);
-  return {type, paths, 7};  // in the order of Target
-}
-
 InputPort& port_of(const Inputs& inputs, const MultimodeController& modes, InstanceIndex instance,
                    const std::string& input) {
   const std::string name = modes.instance(instance).name() + "/" + input;
@@ -162,7 +154,7 @@ void CompatGoals::open(const TheirControllet& theirs, InstanceIndex instance, co
   };
   const auto pose = [&](const char* input, const char* path, std::size_t i) {
     const ArmIndex arm = law.arm_list()[i];
-    return PoseGoal{&port(input), pose_numbers(type, path), base_frame(modes.arm_name(arm)), arm};
+    return PoseGoal{&port(input), Numbers(type, pose_parts(path), 7), base_frame(modes.arm_name(arm)), arm};
   };
 
   Receive receive;

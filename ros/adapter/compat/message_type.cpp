@@ -64,29 +64,12 @@ std::string full_name(const MessageMembers& members) {
 
 std::string type_name(const FieldOf& field) {
   using namespace rosidl_typesupport_introspection_cpp;
+#define MULTIPANDA_NAMED(id, type, name) \
+  case id:                               \
+    return name;
   switch (field.type_id_) {
-    case ROS_TYPE_FLOAT:
-      return "float32";
-    case ROS_TYPE_DOUBLE:
-      return "float64";
-    case ROS_TYPE_BOOLEAN:
-      return "bool";
-    case ROS_TYPE_UINT8:
-      return "uint8";
-    case ROS_TYPE_INT8:
-      return "int8";
-    case ROS_TYPE_UINT16:
-      return "uint16";
-    case ROS_TYPE_INT16:
-      return "int16";
-    case ROS_TYPE_UINT32:
-      return "uint32";
-    case ROS_TYPE_INT32:
-      return "int32";
-    case ROS_TYPE_UINT64:
-      return "uint64";
-    case ROS_TYPE_INT64:
-      return "int64";
+    MULTIPANDA_NUMBER_TYPES(MULTIPANDA_NAMED)
+#undef MULTIPANDA_NAMED
     case ROS_TYPE_STRING:
       return field.string_upper_bound_ == 0 ? "string" : fmt::format("string<={}", field.string_upper_bound_);
     case ROS_TYPE_MESSAGE:

@@ -17,6 +17,20 @@ namespace multipanda::ros {
 // One field, or one element of it; `at` is its place in a message.
 using FieldOf = rosidl_typesupport_introspection_cpp::MessageMember;
 
+// The kinds of numbers in messages: the constant of introspection, the type in C++, the name in .msg files.
+#define MULTIPANDA_NUMBER_TYPES(X)            \
+  X(ROS_TYPE_FLOAT, float, "float32")         \
+  X(ROS_TYPE_DOUBLE, double, "float64")       \
+  X(ROS_TYPE_BOOLEAN, bool, "bool")           \
+  X(ROS_TYPE_UINT8, std::uint8_t, "uint8")    \
+  X(ROS_TYPE_INT8, std::int8_t, "int8")       \
+  X(ROS_TYPE_UINT16, std::uint16_t, "uint16") \
+  X(ROS_TYPE_INT16, std::int16_t, "int16")    \
+  X(ROS_TYPE_UINT32, std::uint32_t, "uint32") \
+  X(ROS_TYPE_INT32, std::int32_t, "int32")    \
+  X(ROS_TYPE_UINT64, std::uint64_t, "uint64") \
+  X(ROS_TYPE_INT64, std::int64_t, "int64")
+
 class MessageType {
  public:
   // Throws std::invalid_argument if the package or the type is missing. `name`: "FrankaState".

@@ -16,29 +16,12 @@ using namespace rosidl_typesupport_introspection_cpp;
 // Calls f with a value of the field's type; returns false if the field is not a number.
 template <class F>
 bool with_type(std::uint8_t type, F f) {
+#define MULTIPANDA_WITH(id, T, name) \
+  case id:                           \
+    return f(T()), true;
   switch (type) {
-    case ROS_TYPE_FLOAT:
-      return f(float()), true;
-    case ROS_TYPE_DOUBLE:
-      return f(double()), true;
-    case ROS_TYPE_BOOLEAN:
-      return f(bool()), true;
-    case ROS_TYPE_UINT8:
-      return f(std::uint8_t()), true;
-    case ROS_TYPE_INT8:
-      return f(std::int8_t()), true;
-    case ROS_TYPE_UINT16:
-      return f(std::uint16_t()), true;
-    case ROS_TYPE_INT16:
-      return f(std::int16_t()), true;
-    case ROS_TYPE_UINT32:
-      return f(std::uint32_t()), true;
-    case ROS_TYPE_INT32:
-      return f(std::int32_t()), true;
-    case ROS_TYPE_UINT64:
-      return f(std::uint64_t()), true;
-    case ROS_TYPE_INT64:
-      return f(std::int64_t()), true;
+    MULTIPANDA_NUMBER_TYPES(MULTIPANDA_WITH)
+#undef MULTIPANDA_WITH
     default:
       return false;
   }
@@ -150,6 +133,17 @@ std::vector<double> Numbers::read(const void* message) const {
   std::vector<double> values(count_);
   read(message, values);
   return values;
+}
+
+std::vector<std::string> parts(const std::string& path, std::initializer_list<const char*> names) {
+  std::vector<std::string> paths;
+  for (const char* name : names) paths.push_back(path + "." + name);
+  return paths;
+}
+
+std::vector<std::string> pose_parts(const std::string& path) {
+  return parts(path, {"position.x", "position.y", "position.z", "orientation.w", "orientation.x",
+                      "orientation.y", "orientation.z"});
 }
 
 Text::Text(const MessageType& type, const std::string& path) {

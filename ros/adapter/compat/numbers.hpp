@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <initializer_list>
 #include <span>
 #include <string>
 #include <vector>
@@ -29,6 +30,11 @@ class Numbers {
   std::size_t count_;
   std::vector<MessageType::Place> places_;
 };
+
+// Paths of the parts of a field.
+std::vector<std::string> parts(const std::string& path, std::initializer_list<const char*> names);
+// Of a pose, in the order of Target.
+std::vector<std::string> pose_parts(const std::string& path);
 
 // A string field, and a sequence of strings.
 class Text {

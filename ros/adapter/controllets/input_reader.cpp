@@ -18,19 +18,7 @@ bool has_frame(Quantity quantity) { return quantity != Quantity::joints && quant
 }  // namespace
 
 std::string message_type(Quantity quantity) {
-  switch (quantity) {
-    case Quantity::pose:
-      return "geometry_msgs/msg/PoseStamped";
-    case Quantity::twist:
-      return "geometry_msgs/msg/TwistStamped";
-    case Quantity::wrench:
-      return "geometry_msgs/msg/WrenchStamped";
-    case Quantity::joints:
-      return "sensor_msgs/msg/JointState";
-    case Quantity::scalar:
-      break;
-  }
-  return "std_msgs/msg/Float64";
+  return with_message(quantity, []<class M>() -> std::string { return rosidl_generator_traits::name<M>(); });
 }
 
 InputReader::InputReader(const InputSpec& spec, std::vector<NamedArm> arms, std::size_t arm)

@@ -58,6 +58,23 @@ class InputReader {
   std::vector<std::pair<std::string, std::optional<Pose>>> frames_;  // X_WB if it is not the input's own
 };
 
+// Calls f.operator()<M>() for the message M of a quantity.
+template <class F>
+auto with_message(Quantity quantity, F f) {
+  switch (quantity) {
+    case Quantity::pose:
+      return f.template operator()<geometry_msgs::msg::PoseStamped>();
+    case Quantity::twist:
+      return f.template operator()<geometry_msgs::msg::TwistStamped>();
+    case Quantity::wrench:
+      return f.template operator()<geometry_msgs::msg::WrenchStamped>();
+    case Quantity::joints:
+      return f.template operator()<sensor_msgs::msg::JointState>();
+    case Quantity::scalar:
+      break;
+  }
+  return f.template operator()<std_msgs::msg::Float64>();
+}
 // "geometry_msgs/msg/PoseStamped"
 std::string message_type(Quantity quantity);
 
