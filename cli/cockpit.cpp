@@ -4,10 +4,10 @@
 
 #include <fmt/format.h>
 
-#include "cli/cockpit_arguments.hpp"
 #include "cli/cockpit_link.hpp"
 #include "cli/program.hpp"
 #include "cli/report.hpp"
+#include "cli/run_arguments.hpp"
 #include "cli/run_session.hpp"
 #include "common/process.hpp"
 

@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "commission/tour.hpp"
 #include "common/machine.hpp"

@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "common/process.hpp"
 #include "doctor/arm_stream.hpp"

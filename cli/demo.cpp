@@ -3,9 +3,9 @@
 
 #include <fmt/format.h>
 
-#include "cli/backend_arguments.hpp"
 #include "cli/program.hpp"
 #include "cli/report.hpp"
+#include "cli/run_arguments.hpp"
 #include "cli/run_session.hpp"
 #include "common/own_files.hpp"
 #include "report/page_script.hpp"

@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "common/text.hpp"
 #include "doctor/examination.hpp"

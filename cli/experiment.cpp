@@ -3,11 +3,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "cli/backend_arguments.hpp"
-#include "cli/cockpit_arguments.hpp"
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
+#include "cli/run_arguments.hpp"
 #include "common/machine.hpp"
 #include "common/person.hpp"
 #include "common/process.hpp"

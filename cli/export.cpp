@@ -11,6 +11,7 @@
 #include "report/report.hpp"
 
 namespace multipanda::cli {
+
 namespace {
 
 struct ExportOptions {
@@ -128,41 +129,60 @@ void add_export(Program& program) {
           ->excludes(urdf)
           ->excludes(mjcf)
           ->excludes("--out");
-  const auto option = [&](const char* name, auto& value, const char* text, const char* type) {
+  const auto of_dataset = [&](const char* name, auto& value, const char* text, const char* type) {
     return option(command, name, value, text, named(type))->needs(lerobot);
   };
-  option("--fps", dataset.fps, "Frames per second of the data set (default 30)", "N")
+  of_dataset("--fps", dataset.fps, "Frames per second of the data set (default 30)", "N")
       ->check([](const std::string& text) {
         const bool whole = text.find_first_not_of("0123456789") == std::string::npos;
         return whole && CLI::Range(1, 1000)(text).empty()
                    ? std::string()
                    : "expected a whole number of frames per second, 1 to 1000, found " + text;
       });
-  option("--task", dataset.task, "Task description (default: the scene's name)", "TEXT");
-  option("--arms", dataset.arms, "Arms, in the order of the features (default: all)", "NAMES")
+  of_dataset("--task", dataset.task, "Task description (default: the scene's name)", "TEXT");
+  of_dataset("--arms", dataset.arms, "Arms, in the order of the features (default: all)", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--action", dataset.action,
-         "Set-points to use as the action (default: the first that all arms have)", "KIND")
+  of_dataset("--action", dataset.action,
+             "Set-points to use as the action (default: the first that all arms have)", "KIND")
       ->check(CLI::IsMember({"joints", "pose"}));
-  option("--observe", dataset.observe,
-         "Measured quantities: joints, velocities, torques, pose, wrench (default: joints)", "NAMES")
+  of_dataset("--observe", dataset.observe,
+             "Measured quantities: joints, velocities, torques, pose, wrench (default: joints)", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--grippers", dataset.grippers, "Arms whose fingers are included", "NAMES")
+  of_dataset("--grippers", dataset.grippers, "Arms whose fingers are included", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--leader", options->leaders,
-         "Use the measured motion of LEADER as the action of ARM, for arms that followed in the run",
-         "ARM=LEADER")
+  of_dataset("--leader", options->leaders,
+             "Use the measured motion of LEADER as the action of ARM, for arms that followed in the run",
+             "ARM=LEADER")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--outcomes", dataset.outcomes, "Episodes to use: success, failure, discard (default: success)",
-         "NAMES")
+  of_dataset("--outcomes", dataset.outcomes, "Episodes to use: success, failure, discard (default: success)",
+             "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->check(CLI::IsMember({"success", "failure", "discard"}));
   program.on(command, [options] { return run(*options); });
+}
+
+void add_repair(Program& program) {
+  auto path = std::make_shared<std::string>();
+  CLI::App* command = program.add(
+      "repair", "Add the missing index and footer to the log of a killed run; leave out what cannot be read",
+      "  multipanda repair runs/20260102_120000_two_arms/log.mcap");
+  option(command, "log", *path, "Log file or folder of its run", required, named("LOG"));
+  program.on(command, [path] {
+    const std::filesystem::path log = find_log(*path);
+    const RepairResult result = repair_log(log);
+    if (result.was_complete) {
+      fmt::print("{}: complete, {} messages; nothing changed\n", log.string(), result.messages);
+    } else {
+      fmt::print("{}: repaired, {} messages; {} unreadable chunks and {} bytes at the end were dropped\n",
+                 log.string(), result.messages, result.chunks_dropped, result.bytes_dropped);
+    }
+    return kSuccess;
+  });
 }
 
 }  // namespace multipanda::cli

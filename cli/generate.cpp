@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/channel_arguments.hpp"
-#include "cli/console.hpp"
+#include "cli/program.hpp"
 #include "common/process.hpp"
 #include "common/text.hpp"
 #include "motion_generators/publish.hpp"

@@ -6,7 +6,6 @@
 
 #include <fmt/format.h>
 
-#include "cli/console.hpp"
 #include "cli/measured_arguments.hpp"
 #include "cli/program.hpp"
 #include "models/write_robot.hpp"

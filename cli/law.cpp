@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "core/plugin/law_trial.hpp"
 #include "scene/build.hpp"

@@ -11,6 +11,7 @@
 #include "scene/load.hpp"
 
 namespace multipanda::cli {
+
 namespace {
 
 struct ListOptions {
@@ -143,6 +144,16 @@ void add_list(Program& program) {
   CLI::App* parameters = add("parameters", "Describe parameters and inputs of a controllet or feature");
   option(parameters, "name", options->name, "Type of a controllet or feature", required);
   program.on(parameters, [options] { return list_parameters(*options); });
+}
+
+void add_docs(Program& program) {
+  CLI::App* command = program.add("docs", "Print documentation generated from the program",
+                                  "  multipanda docs scene > docs/scene_reference.md");
+  command->require_subcommand(1);
+  program.on(command->add_subcommand("scene", "Print the reference of scene files (Markdown)"), [] {
+    fmt::print("{}", scene_reference_markdown(build_registry({})));
+    return kSuccess;
+  });
 }
 
 }  // namespace multipanda::cli

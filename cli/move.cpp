@@ -5,9 +5,9 @@
 
 #include <fmt/format.h>
 
-#include "cli/backend_arguments.hpp"
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
+#include "cli/run_arguments.hpp"
 #include "cli/run_session.hpp"
 #include "common/text.hpp"
 #include "runtime/motion/joint_move.hpp"

@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 
-#include "cli/console.hpp"
 #include "cli/measured_arguments.hpp"
 #include "cli/program.hpp"
 #include "core/types/statistics.hpp"

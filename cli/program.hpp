@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdio>
 #include <initializer_list>
 #include <optional>
 #include <stdexcept>
@@ -11,6 +12,24 @@
 
 // The command line. Each command has its own file, with a function add_<command>(program).
 namespace multipanda::cli {
+
+// Human-readable output: standard output, or standard error if standard output carries JSON (--json).
+class Console {
+ public:
+  explicit Console(bool json);
+
+  bool is_terminal() const { return terminal_; }  // supports redrawing
+  bool has_color() const { return color_; }       // a terminal, and NO_COLOR is not set
+  std::size_t width() const;                      // current number of columns
+  std::size_t height() const;                     // current number of lines
+
+  void line(const std::string& text) const;  // with a newline; flushed
+  void raw(const std::string& text) const;   // unchanged, in one write; flushed
+
+ private:
+  std::FILE* stream_;
+  bool terminal_ = false, color_ = false;
+};
 
 // Exit codes of every command (docs/command_line.md).
 enum ExitCode : int {
@@ -57,12 +76,12 @@ inline auto one_of(std::vector<std::string> words) {
 inline auto expecting(int count) {
   return [count](CLI::Option* o) { o->expected(count); };
 }
-inline constexpr auto required = [](CLI::Option* o) { o->required(); };
-inline constexpr auto shown = [](CLI::Option* o) { o->capture_default_str(); };  // the default, in the help
-inline constexpr auto repeated = [](CLI::Option* o) { o->take_all(); };
-inline constexpr auto by_commas = [](CLI::Option* o) { o->delimiter(','); };
-inline constexpr auto positive = [](CLI::Option* o) { o->check(CLI::PositiveNumber); };
-inline constexpr auto existing_file = [](CLI::Option* o) { o->check(CLI::ExistingFile); };
+inline void required(CLI::Option* o) { o->required(); }
+inline void shown(CLI::Option* o) { o->capture_default_str(); }  // the default, in the help
+inline void repeated(CLI::Option* o) { o->take_all(); }
+inline void by_commas(CLI::Option* o) { o->delimiter(','); }
+inline void positive(CLI::Option* o) { o->check(CLI::PositiveNumber); }
+inline void existing_file(CLI::Option* o) { o->check(CLI::ExistingFile); }
 
 // The two parts of "KEY=VALUE", split at the first "="; nothing if one of them is empty.
 std::optional<std::pair<std::string, std::string>> key_and_value(const std::string& text);

@@ -5,9 +5,8 @@
 
 #include <fmt/format.h>
 
-#include "cli/backend_arguments.hpp"
-#include "cli/console.hpp"
 #include "cli/program.hpp"
+#include "cli/run_arguments.hpp"
 #include "common/machine.hpp"
 #include "common/process.hpp"
 #include "logs/recorder.hpp"

@@ -4,8 +4,8 @@
 
 #include <fmt/format.h>
 
-#include "cli/cockpit_arguments.hpp"
 #include "cli/program.hpp"
+#include "cli/run_arguments.hpp"
 #include "logs/recorder.hpp"
 #include "report/report.hpp"
 #include "runtime/faulty.hpp"

@@ -2,11 +2,10 @@
 
 #include <fmt/format.h>
 
-#include "cli/backend_arguments.hpp"
-#include "cli/cockpit_arguments.hpp"
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
 #include "cli/report.hpp"
+#include "cli/run_arguments.hpp"
 #include "cli/run_session.hpp"
 #include "report/page_script.hpp"
 #include "runtime/live_input/socket_path.hpp"

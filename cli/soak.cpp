@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "logs/recorder.hpp"
 #include "report/page_script.hpp"

@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include "cli/channel_arguments.hpp"
-#include "cli/console.hpp"
+#include "cli/program.hpp"
 #include "common/process.hpp"
 #include "motion_generators/via_points/via_plan.hpp"
 

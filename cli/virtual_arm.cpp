@@ -8,10 +8,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "cli/cockpit_arguments.hpp"
 #include "cli/cockpit_link.hpp"
-#include "cli/console.hpp"
 #include "cli/program.hpp"
+#include "cli/run_arguments.hpp"
 #include "common/process.hpp"
 #include "common/text.hpp"
 #include "fci/server/virtual_arms.hpp"

@@ -65,7 +65,8 @@ Family family_of(const Law& law, bool tilt, bool gains, Parts& all) {
 
 void keep(std::vector<Family>& families, const std::vector<std::string>& requested) {
   if (requested.empty()) return;
-  const std::vector<std::string> known = names_in(families);
+  std::vector<std::string> known;
+  for (const Family& family : families) known.push_back(family.name);
   std::vector<Family> kept;
   for (const std::string& name : requested) {
     const auto at = std::find(known.begin(), known.end(), name);
@@ -190,7 +191,9 @@ CrossValidation cross_validate(std::span<const Equations> blocks, std::span<cons
 }
 
 std::vector<std::string> family_names() {
-  return names_in(candidates(true).families);
+  std::vector<std::string> out;
+  for (const Family& family : candidates(true).families) out.push_back(family.name);
+  return out;
 }
 
 }  // namespace multipanda
