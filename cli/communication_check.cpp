@@ -73,8 +73,7 @@ void add_communication_test(Program& program) {
   option(command, "--seconds", options->seconds, "Duration by the arm's clock [s] (default 10)",
          within(0.1, 3600.0));
   command->add_flag("--yes", options->yes, "Do not ask before the arm is put under control");
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

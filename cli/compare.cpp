@@ -189,8 +189,7 @@ void add_compare(Program& program) {
   option(command, "--gate", options->gate, "YAML file with limits (docs/identification.md)", named("FILE"));
   option(command, "--out", options->out,
          "Folder for page, pictures and results.json (default: a new folder in runs)", named("DIR"));
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  json_flag(command, options->json);
   program.on(command, [options] {
     try {
       return run(*options);

@@ -2,6 +2,7 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <map>
 #include <optional>
 #include <sys/socket.h>
 #include <thread>
@@ -31,7 +32,7 @@ struct CtlOptions {
   bool only = false, all = false;
   double rate_hz = 2;
   std::uint64_t count = 0;
-  std::optional<double> width_m, speed_m_per_s, force_n, tolerance_m, vacuum_mbar, timeout_s;
+  std::map<std::string, std::optional<double>> numbers;  // optional ones, by their keys in requests
 };
 
 // The numbers of "0.4,0,pi/2".
@@ -357,6 +358,28 @@ class Ctl {
     option(child, "arm", options_->name, "Name of the arm", required);
     asks(child, [name](const CtlOptions& o) { return json{{"do", name}, {"arm", o.name}}; });
   }
+  // With `key`: the name of an arm or object, and "KEY=VALUE" ...
+  void pairs(const std::string& name, const std::string& what, const std::string& example,
+             const std::string& keys, const std::string& key, const json& request) {
+    CLI::App* child = add(name, what, example);
+    option(child, key, options_->name, "Name of the " + key, required);
+    option(child, "pairs", options_->pairs, "KEY=VALUE: " + keys, required);
+    asks(child, [key, request](const CtlOptions& o) {
+      json whole = request;
+      whole[key] = o.name;
+      add_pairs(o.pairs, whole);
+      return whole;
+    });
+  }
+  void end_effector(CLI::App* child, const char* kind) {
+    asks(child, [kind](const CtlOptions& o) {
+      json request = {{"do", kind}, {"arm", o.name}, {"action", o.value}};
+      for (const auto& [key, value] : o.numbers) {
+        if (value) request[key] = *value;
+      }
+      return request;
+    });
+  }
   void plain(const std::string& name, const std::string& what, const json& request) {
     asks(add(name, what), [request](const CtlOptions&) { return request; });
   }
@@ -450,15 +473,8 @@ void add_ctl(Program& program) {
   program.on(stop_command, [o] { return stop(*o); });
   ctl.arms("resume", "Allow switches of stopped arms again; they are held until then");
 
-  CLI::App* load = ctl.add("load", "Declare the payload of an arm", "left mass_kg=0.5 com_m=0,0,0.1");
-  text(load, "arm", o->name, "Name of the arm");
-  option(load, "pairs", o->pairs, "KEY=VALUE: mass_kg, com_m (in the flange frame)", required);
-  ctl.asks(load, [](const CtlOptions& c) {
-    json request = {{"do", "set_load"}, {"arm", c.name}};
-    add_pairs(c.pairs, request);
-    return request;
-  });
-
+  ctl.pairs("load", "Declare the payload of an arm", "left mass_kg=0.5 com_m=0,0,0.1",
+            "mass_kg, com_m (in the flange frame)", "arm", {{"do", "set_load"}});
   CLI::App* frame = ctl.add("frames", "Set the end effector of an arm in its flange frame",
                             "left position_m=0,0,0.1 rpy_rad=0,0,0");
   text(frame, "arm", o->name, "Name of the arm");
@@ -485,56 +501,30 @@ void add_ctl(Program& program) {
   text(gripper, "arm", o->name, "Name of the arm");
   option(gripper, "action", o->value, "homing, move, grasp, stop or state", required,
          one_of({"homing", "move", "grasp", "stop", "state"}));
-  option(gripper, "--width", o->width_m, "Distance of the fingers for move and grasp [m]");
-  option(gripper, "--speed", o->speed_m_per_s,
+  option(gripper, "--width", o->numbers["width_m"], "Distance of the fingers for move and grasp [m]");
+  option(gripper, "--speed", o->numbers["speed_m_per_s"],
          "Rate of change of the width for move and grasp [m/s] (default 0.1)");
-  option(gripper, "--force", o->force_n, "Force of each finger for grasp [N] (default 40)");
-  option(gripper, "--tolerance", o->tolerance_m,
+  option(gripper, "--force", o->numbers["force_n"], "Force of each finger for grasp [N] (default 40)");
+  option(gripper, "--tolerance", o->numbers["tolerance_m"],
          "Deviation of the width that counts as a grasp, either way [m] (default 0.005)");
-  ctl.asks(gripper, [](const CtlOptions& c) {
-    json request = {{"do", "gripper"}, {"arm", c.name}, {"action", c.value}};
-    if (c.width_m) request["width_m"] = *c.width_m;
-    if (c.speed_m_per_s) request["speed_m_per_s"] = *c.speed_m_per_s;
-    if (c.force_n) request["force_n"] = *c.force_n;
-    if (c.tolerance_m) request["tolerance_m"] = *c.tolerance_m;
-    return request;
-  });
+  ctl.end_effector(gripper, "gripper");
 
   CLI::App* vacuum = ctl.add("vacuum", "Command the vacuum gripper of an arm and wait until it is done",
                              "left on --vacuum 100");
   text(vacuum, "arm", o->name, "Name of the arm");
   option(vacuum, "action", o->value, "on, drop, stop or state", required,
          one_of({"on", "drop", "stop", "state"}));
-  option(vacuum, "--vacuum", o->vacuum_mbar, "Vacuum for on, below ambient pressure [mbar] (default 100)");
-  option(vacuum, "--timeout", o->timeout_s, "Time limit for on and drop [s] (default 1)");
-  ctl.asks(vacuum, [](const CtlOptions& c) {
-    json request = {{"do", "vacuum"}, {"arm", c.name}, {"action", c.value}};
-    if (c.vacuum_mbar) request["vacuum_mbar"] = *c.vacuum_mbar;
-    if (c.timeout_s) request["timeout_s"] = *c.timeout_s;
-    return request;
-  });
+  option(vacuum, "--vacuum", o->numbers["vacuum_mbar"],
+         "Vacuum for on, below ambient pressure [mbar] (default 100)");
+  option(vacuum, "--timeout", o->numbers["timeout_s"], "Time limit for on and drop [s] (default 1)");
+  ctl.end_effector(vacuum, "vacuum");
 
-  CLI::App* place = ctl.add("place", "Simulation: place a free object", "box position_m=0.5,0,0.1");
-  text(place, "object", o->name, "Name of the object");
-  option(place, "pairs", o->pairs,
-         "KEY=VALUE: position_m; rpy_rad or quaternion_wxyz (default: the orientation in the scene)",
-         required);
-  ctl.asks(place, [](const CtlOptions& c) {
-    json request = {{"do", "place_object"}, {"object", c.name}};
-    add_pairs(c.pairs, request);
-    return request;
-  });
-  CLI::App* push = ctl.add("push", "Simulation: push a free object", "box force_n=5,0,0 duration_s=0.2");
-  text(push, "object", o->name, "Name of the object");
-  option(push, "pairs", o->pairs,
-         "KEY=VALUE: force_n at its center of mass, world axes, at most 100 N; duration_s (default "
-         "0.2, at most 2)",
-         required);
-  ctl.asks(push, [](const CtlOptions& c) {
-    json request = {{"do", "push_object"}, {"object", c.name}};
-    add_pairs(c.pairs, request);
-    return request;
-  });
+  ctl.pairs("place", "Simulation: place a free object", "box position_m=0.5,0,0.1",
+            "position_m; rpy_rad or quaternion_wxyz (default: the orientation in the scene)", "object",
+            {{"do", "place_object"}});
+  ctl.pairs("push", "Simulation: push a free object", "box force_n=5,0,0 duration_s=0.2",
+            "force_n at its center of mass, world axes, at most 100 N; duration_s (default 0.2, at most 2)",
+            "object", {{"do", "push_object"}});
   ctl.plain("pause", "Simulation: pause the world", {{"do", "pause"}, {"paused", true}});
   ctl.plain("go", "Simulation: continue after a pause", {{"do", "pause"}, {"paused", false}});
   ctl.plain("reset", "Simulation: put the world back to its start", {{"do", "reset"}});

@@ -173,8 +173,7 @@ void add_demo(Program& program) {
   command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
   option(command, "--record", options->record, "Folder for the log and the report", named("DIR"), shown);
   add_backend_arguments(command, options->backend);
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

@@ -67,8 +67,7 @@ void add_doctor(Program& program) {
   option(command, "--scene", options->scene, "Scene whose control cycle is timed (default two_arms)");
   option(command, "--seconds", options->seconds, "Duration of each measurement [s] (default 10)",
          within(0.1, 3600.0));
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

@@ -134,7 +134,7 @@ void add_excite(Program& program) {
   option(command, "--payload", options.limits.payload, "Mass of that payload, for the torque limits [kg]",
          within(0.0, 10.0), shown);
   command->add_flag("--no-hand", arguments->no_hand, "The hand of the model is not mounted");
-  command->add_flag("--json", arguments->json, "Print one JSON object to standard output");
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 

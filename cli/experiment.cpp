@@ -326,8 +326,7 @@ void add_experiment(Program& program) {
          one_of({"realtime", "lockstep"}), shown);
   command->add_flag("--keep-data", options->keep_data,
                     "Keep the arrays from which the figures were computed");
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

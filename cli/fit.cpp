@@ -170,7 +170,7 @@ void add_fit(Program& program) {
          "Model file to write, with the fitted delay, bandwidth, friction and noise");
   option(command, "--windows", arguments->options.windows, "Number of short replays per candidate", shown);
   option(command, "--threads", arguments->options.threads, "Number of threads, 0 for one per core", shown);
-  command->add_flag("--json", arguments->json, "Print all figures as one JSON object to standard output");
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 

@@ -141,7 +141,7 @@ void add_generate(Program& program) {
   option(field, "--to", options->to, "HAND=CONTROLLET.INPUT to use instead of the course's; may be repeated",
          named("TEXT"));
   field->add_flag("--rehearse", options->rehearse, "Plan only, as fast as possible, without a run");
-  field->add_flag("--json", options->json, "Print one JSON object to standard output at the end");
+  json_flag(field, options->json);
   program.on(field, [options] { return run(*options); });
 }
 

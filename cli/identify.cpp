@@ -160,7 +160,7 @@ void add_identify(Program& program) {
   option(command, "--urdf", arguments->urdf, "URDF file to write (rigid bodies only)");
   option(command, "--mjcf", arguments->mjcf, "MJCF file to write (rigid bodies only)");
   option(command, "--report", arguments->report, "Folder for a page with plots", named("DIR"));
-  command->add_flag("--json", arguments->json, "Print all figures as one JSON object to standard output");
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 

@@ -161,7 +161,7 @@ void add_law(Program& program) {
          "Largest processor time of a tick at 99.9 % [us] (default 100)", within(0.001, 1e6));
   option(command, "--samples", arguments->samples,
          "With --json: the first N states with torques (default 0)");
-  command->add_flag("--json", arguments->json, "Print the result as one JSON object to standard output");
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 

@@ -168,7 +168,7 @@ void add_move(Program& program) {
   command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
   option(command, "--record", options->record, "Record the log into a new folder inside DIR", named("DIR"));
   add_backend_arguments(command, options->backend);
-  command->add_flag("--json", options->json, "Print one JSON object to standard output at the end");
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

@@ -159,7 +159,7 @@ void add_observe(Program& program) {
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
   option(command, "--out", arguments->out, "CSV file to write: time and external torques");
-  command->add_flag("--json", arguments->json, "Print all figures as one JSON object to standard output");
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 
@@ -175,7 +175,7 @@ void add_predict(Program& program) {
   add_measured_arguments(command, arguments->measured);
   command->add_flag("--motor-friction", arguments->options.motor_friction,
                     "Add the motors' friction table to the predicted torque");
-  command->add_flag("--json", arguments->json, "Print all figures as one JSON object to standard output");
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 

@@ -128,6 +128,16 @@ int run_program(int argc, char** argv, const ProgramWords& words,
   }
 }
 
+CLI::Option* scene_option(CLI::App* command, std::string& scene) {
+  return option(command, "scene", scene, "Name (see multipanda list scenes) or path of a scene file",
+                required);
+}
+
+void json_flag(CLI::App* command, bool& json) {
+  command->add_flag("--json", json,
+                    "Print one JSON object to standard output at the end, messages to standard error");
+}
+
 std::optional<std::pair<std::string, std::string>> key_and_value(const std::string& text) {
   const std::size_t equals = text.find('=');
   if (equals == std::string::npos || equals == 0 || equals + 1 == text.size()) return {};

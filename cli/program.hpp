@@ -83,6 +83,10 @@ inline void by_commas(CLI::Option* o) { o->delimiter(','); }
 inline void positive(CLI::Option* o) { o->check(CLI::PositiveNumber); }
 inline void existing_file(CLI::Option* o) { o->check(CLI::ExistingFile); }
 
+// Options of many commands.
+CLI::Option* scene_option(CLI::App* command, std::string& scene);
+void json_flag(CLI::App* command, bool& json);
+
 // The two parts of "KEY=VALUE", split at the first "="; nothing if one of them is empty.
 std::optional<std::pair<std::string, std::string>> key_and_value(const std::string& text);
 

@@ -157,8 +157,7 @@ void add_run(Program& program) {
       "Fails (exit code 1) if a controllet was deactivated by the safety stage, a switch was refused or the "
       "log\n"
       "is incomplete.");
-  option(command, "scene", options->scene, "Name (see multipanda list scenes) or path of a scene file",
-         required);
+  scene_option(command, options->scene);
   option(command, "--seconds", options->seconds, "Duration of the run [s] (default: the scene's duration_s)",
          within(0.001, 1e6));
   option(command, "--plugin", options->additions.plugins,
@@ -187,8 +186,7 @@ void add_run(Program& program) {
          "every Nth cycle, 0: never (default 1, model 10). Events and switches are always complete",
          named("GROUP=N"), repeated);
   command->add_flag("--report", options->report, "Make the report afterwards (needs --record)");
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  json_flag(command, options->json);
   option(command, "--cpu", options->cpu, "Core to which the loop's thread is pinned (default: none)",
          within(0, 1023));
   add_backend_arguments(command, options->backend);

@@ -59,8 +59,7 @@ void add_soak(Program& program) {
       "soak", "Run a scene for hours of simulated time under faults, checking invariants in every cycle",
       "  multipanda soak four_arms --hours 2\n"
       "  multipanda soak two_arms --hours 0.1 --seed 7 --fault-every 0.5");
-  option(command, "scene", arguments->scene, "Name (see multipanda list scenes) or path of a scene file",
-         required);
+  scene_option(command, arguments->scene);
   option(command, "--hours", arguments->hours, "Simulated time [h]; each arm counts it once", positive,
          shown);
   option(command, "--seed", arguments->options.seed, "Seed of all faults, clocks and delays", shown);

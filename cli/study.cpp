@@ -106,8 +106,7 @@ void add_study(Program& program) {
   command->add_flag("--any-machine", arguments->any_machine,
                     "Accept results of different processors and libraries, which differ in the last bits");
   command->add_flag("--no-page", arguments->no_page, "Make no page, only table.csv");
-  command->add_flag("--json", arguments->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  json_flag(command, arguments->json);
   option(command, "--page", arguments->page, "Make the page of a folder of results again", named("DIR"));
   command->add_flag("--plan", arguments->plan, "Print the checked file as JSON, and run nothing");
   command->add_flag("--worker", arguments->worker,

@@ -89,7 +89,7 @@ void add_via_points(Program& program) {
          "Fraction of the file's limits, above 0 and at most 1 (default 1)", within(1e-3, 1.0));
   option(command, "--seconds", options->seconds,
          "Brake and end after this time [s] (default: at the last point)", positive);
-  command->add_flag("--json", options->json, "Print one JSON object to standard output at the end");
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

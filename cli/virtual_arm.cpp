@@ -290,8 +290,7 @@ void add_virtual_arm(Program& program) {
       "programs\n"
       "  multipanda virtual-arm two_arms --bind left=127.0.0.5 --bind right=127.0.0.6\n"
       "  multipanda virtual-arm one_arm --latency-us 200 --loss 0.02 --seed 7");
-  option(command, "scene", arguments->scene, "Name (see multipanda list scenes) or path of a scene file",
-         required);
+  scene_option(command, arguments->scene);
   option(command, "--bind", arguments->bind,
          "Address of an arm (default 127.0.0.1 for the first, 127.0.0.2 for the second, ...)",
          named("ARM=ADDRESS"));
