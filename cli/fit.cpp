@@ -7,7 +7,7 @@
 #include "models/write_robot.hpp"
 #include "scene/build.hpp"
 #include "sysid/identification/rollout_fit.hpp"
-#include "sysid/measured/measured_log.hpp"
+#include "sysid/measured/scene_model.hpp"
 #include "yaml_reader/node.hpp"
 
 // `multipanda fit` finds delay and torque bandwidth of an arm, or the stiffness of a surface, by replaying a
