@@ -104,7 +104,7 @@ class Numbers {
 
 // Paths of the parts of a field.
 std::vector<std::string> parts(const std::string& path, std::initializer_list<const char*> names);
-// Of a pose, in the order of Target.
+// The parts of a pose, in the order of Target.
 std::vector<std::string> pose_parts(const std::string& path);
 
 // A string field, and a sequence of strings.
