@@ -50,7 +50,7 @@ void add_bridge(Program& program) {
   CLI::App* command = program.add(
       "bridge", "Connect a client on another computer to a run; ssh starts it there",
       "  multipanda bridge two_arms      as mp.connect(\"ssh://user@control/two_arms\") starts it there");
-  command->add_option("run", *run, "Name or socket of the run (default: the only running scene)");
+  option(command, "run", *run, "Name or socket of the run (default: the only running scene)");
   program.on(command, [run] { return run_python("bridge.py", {socket_of(*run).string()}); });
 }
 

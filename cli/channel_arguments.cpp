@@ -14,18 +14,13 @@ namespace multipanda::cli {
 namespace fs = std::filesystem;
 
 void add_channel_arguments(CLI::App* command, ChannelArguments& arguments) {
-  CLI::Option* socket = command
-                            ->add_option("--socket", arguments.socket,
-                                         "Socket of the run (default: that of the only running scene)")
-                            ->type_name("PATH");
+  CLI::Option* socket = option(command, "--socket", arguments.socket,
+                               "Socket of the run (default: that of the only running scene)", named("PATH"));
   CLI::Option* ros = command
                          ->add_flag("--ros", arguments.ros,
                                     "Publish to ROS topics of a run with --ros instead of the socket")
                          ->excludes(socket);
-  command->add_option("--node", arguments.node, "Name of the run's ROS node")
-      ->type_name("NAME")
-      ->capture_default_str()
-      ->needs(ros);
+  option(command, "--node", arguments.node, "Name of the run's ROS node", named("NAME"), shown)->needs(ros);
 }
 
 std::unique_ptr<SetPointChannel> open_channel(const ChannelArguments& arguments,

@@ -94,8 +94,7 @@ void add_check(Program& program) {
   CLI::App* command = program.add("check", "Read and build a scene without running it, and describe it",
                                   "  multipanda check two_arms\n"
                                   "  multipanda check my/scene.yaml && multipanda run my/scene.yaml");
-  command->add_option("scene", *scene, "Name (see multipanda list scenes) or path of a scene file")
-      ->required();
+  scene_option(command, *scene);
   program.on(command, [scene] { return run(*scene); });
 }
 

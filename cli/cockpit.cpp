@@ -4,10 +4,10 @@
 
 #include <fmt/format.h>
 
-#include "cli/cockpit_arguments.hpp"
 #include "cli/cockpit_link.hpp"
 #include "cli/program.hpp"
 #include "cli/report.hpp"
+#include "cli/run_arguments.hpp"
 #include "cli/run_session.hpp"
 #include "common/process.hpp"
 
@@ -55,17 +55,12 @@ void add_cockpit(Program& program) {
       program.add("cockpit", "Show recorded logs in a browser on this computer, until Ctrl-C",
                   "  multipanda cockpit runs                           the newest run in runs\n"
                   "  multipanda cockpit runs/before runs/after         two runs, compared");
-  command
-      ->add_option("log", arguments->log,
-                   "Log, folder of a run, or of several runs, of which the newest is used")
-      ->required()
-      ->type_name("LOG");
-  command->add_option("other", arguments->other, "Log that is compared with it")->type_name("LOG");
-  command
-      ->add_option(
-          "--port", arguments->port,
-          fmt::format("Port of 127.0.0.1 (default {}, or a free one; 0: a free one)", kUsualCockpitPort))
-      ->check(CLI::Range(0, 65535));
+  option(command, "log", arguments->log,
+         "Log, folder of a run, or of several runs, of which the newest is used", required, named("LOG"));
+  option(command, "other", arguments->other, "Log that is compared with it", named("LOG"));
+  option(command, "--port", arguments->port,
+         fmt::format("Port of 127.0.0.1 (default {}, or a free one; 0: a free one)", kUsualCockpitPort),
+         within(0, 65535));
   command->add_flag("--until-input-ends", arguments->until_input_ends,
                     "End when standard input closes, as when the program that started it has ended");
   program.on(command, [arguments] {

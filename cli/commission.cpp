@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "commission/tour.hpp"
 #include "common/machine.hpp"
@@ -49,9 +48,7 @@ BackendOptions backend_of(const CommissionOptions& options, const Scene& scene) 
   }
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
     const std::string& text = options.addresses[i];
-    const auto equals = text.find('=');
-    backend.addresses.emplace_back(equals == std::string::npos ? scene.arms[i].name : text.substr(0, equals),
-                                   equals == std::string::npos ? text : text.substr(equals + 1));
+    backend.addresses.push_back(key_and_value(text).value_or(std::pair(scene.arms[i].name, text)));
   }
   return backend;
 }
@@ -196,26 +193,18 @@ void add_commission(Program& program) {
                   "  multipanda commission --resume first_day\n"
                   "Without a terminal every answer must come from --answers. "
                   "docs/commission.md lists steps and limits.");
-  command
-      ->add_option("addresses", options->addresses,
-                   "Address of each arm, in the scene's order, or ARM=ADDRESS")
-      ->type_name("ADDRESS");
-  command->add_option("--scene", options->scene,
-                      "The scene of these arms: models, bases, tools (default: one_arm or two_arms)");
-  command->add_option("--out", options->out, "Folder of state and page (default: commission)")
-      ->type_name("DIR");
-  command
-      ->add_option("--resume", options->resume,
-                   "Resume the tour of this folder; safety-related steps are repeated")
-      ->type_name("DIR");
-  command
-      ->add_option("--answers", options->answers,
-                   "File or pipe of lines 'QUESTION: answer' in place of a terminal; '-': standard input")
-      ->type_name("FILE");
-  command
-      ->add_option("--seconds", options->seconds,
-                   "Duration of each measurement of computer and network [s] (default 10)")
-      ->check(CLI::Range(0.1, 3600.0));
+  option(command, "addresses", options->addresses,
+         "Address of each arm, in the scene's order, or ARM=ADDRESS", named("ADDRESS"));
+  option(command, "--scene", options->scene,
+         "The scene of these arms: models, bases, tools (default: one_arm or two_arms)");
+  option(command, "--out", options->out, "Folder of state and page (default: commission)", named("DIR"));
+  option(command, "--resume", options->resume,
+         "Resume the tour of this folder; safety-related steps are repeated", named("DIR"));
+  option(command, "--answers", options->answers,
+         "File or pipe of lines 'QUESTION: answer' in place of a terminal; '-': standard input",
+         named("FILE"));
+  option(command, "--seconds", options->seconds,
+         "Duration of each measurement of computer and network [s] (default 10)", within(0.1, 3600.0));
   command->add_flag("--fast", options->fast,
                     "For virtual arms in lock-step on this computer: as fast as they run");
   command->add_flag("--no-page", options->no_page, "Do not draw the page");

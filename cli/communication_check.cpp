@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "common/process.hpp"
 #include "doctor/arm_stream.hpp"
@@ -70,12 +69,11 @@ void add_communication_test(Program& program) {
       "  multipanda communication-test 172.16.0.2\n"
       "  multipanda communication-test 127.0.0.1 --seconds 5 --yes --json     a virtual arm, in a script\n"
       "Fails (exit code 1) if the arm stops itself, or the connection is not fit for torque control.");
-  command->add_option("address", options->address, "Address of the arm")->required()->type_name("ADDRESS");
-  command->add_option("--seconds", options->seconds, "Duration by the arm's clock [s] (default 10)")
-      ->check(CLI::Range(0.1, 3600.0));
+  option(command, "address", options->address, "Address of the arm", required, named("ADDRESS"));
+  option(command, "--seconds", options->seconds, "Duration by the arm's clock [s] (default 10)",
+         within(0.1, 3600.0));
   command->add_flag("--yes", options->yes, "Do not ask before the arm is put under control");
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "logs/recorder.hpp"
 
@@ -168,47 +167,29 @@ void add_compare(Program& program) {
       "  multipanda compare real.csv sim.csv --columns 'q=pos_{},dq=vel_{},tau=effort_{},t=stamp_ms * "
       "0.001'\n"
       "Logs: of multipanda, of libfranka, CSV, NPZ, bags of ROS. Fails (exit code 1) if a limit of the gate "
-      "is "
-      "exceeded.");
-  command
-      ->add_option("real", options->real, "Measured data: a log, the folder of a run, or a folder of repeats")
-      ->required()
-      ->type_name("REAL");
-  command
-      ->add_option("sim", options->sim, "Simulated data: a log, the folder of a run, or a folder of repeats")
-      ->required()
-      ->type_name("SIM");
-  command
-      ->add_option("--arm", options->arm,
-                   "Arm to compare (default: all); also the name of the arm in a CSV file")
-      ->type_name("NAME");
-  command->add_option("--columns", options->columns, "Columns of a CSV file: FILE.yaml, or OURS=THEIRS,...")
-      ->type_name("MAP");
-  command
-      ->add_option("--window", options->window,
-                   "Time to compare, from the start of the real log [s] (default: all)")
-      ->delimiter(',')
-      ->expected(2)
-      ->type_name("FROM,TO");
-  command->add_option("--lag", options->lag,
-                      "Lag of the simulation [s], 0 for the time stamps as they are (default: estimated)");
+      "is exceeded.");
+  option(command, "real", options->real, "Measured data: a log, the folder of a run, or a folder of repeats",
+         required, named("REAL"));
+  option(command, "sim", options->sim, "Simulated data: a log, the folder of a run, or a folder of repeats",
+         required, named("SIM"));
+  option(command, "--arm", options->arm,
+         "Arm to compare (default: all); also the name of the arm in a CSV file", named("NAME"));
+  option(command, "--columns", options->columns, "Columns of a CSV file: FILE.yaml, or OURS=THEIRS,...",
+         named("MAP"));
+  option(command, "--window", options->window,
+         "Time to compare, from the start of the real log [s] (default: all)", by_commas, expecting(2),
+         named("FROM,TO"));
+  option(command, "--lag", options->lag,
+         "Lag of the simulation [s], 0 for the time stamps as they are (default: estimated)");
   command->add_flag("--align,--by-correlation", options->by_correlation,
                     "Shift by the estimated lag even if both logs follow the timeline of one scene");
-  command->add_option("--max-lag", options->max_lag, "Largest lag to search for [s]")
-      ->check(CLI::Range(0.0, 60.0))
-      ->capture_default_str();
-  command
-      ->add_option("--low-pass", options->low_pass,
-                   "Cutoff frequency of a low-pass filter on both logs [Hz], 0 for none")
-      ->check(CLI::Range(0.0, 400.0));
-  command->add_option("--gate", options->gate, "YAML file with limits (docs/identification.md)")
-      ->type_name("FILE");
-  command
-      ->add_option("--out", options->out,
-                   "Folder for page, pictures and results.json (default: a new folder in runs)")
-      ->type_name("DIR");
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  option(command, "--max-lag", options->max_lag, "Largest lag to search for [s]", within(0.0, 60.0), shown);
+  option(command, "--low-pass", options->low_pass,
+         "Cutoff frequency of a low-pass filter on both logs [Hz], 0 for none", within(0.0, 400.0));
+  option(command, "--gate", options->gate, "YAML file with limits (docs/identification.md)", named("FILE"));
+  option(command, "--out", options->out,
+         "Folder for page, pictures and results.json (default: a new folder in runs)", named("DIR"));
+  json_flag(command, options->json);
   program.on(command, [options] {
     try {
       return run(*options);

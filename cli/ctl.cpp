@@ -2,7 +2,7 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
-#include <numbers>
+#include <map>
 #include <optional>
 #include <sys/socket.h>
 #include <thread>
@@ -32,40 +32,17 @@ struct CtlOptions {
   bool only = false, all = false;
   double rate_hz = 2;
   std::uint64_t count = 0;
-  std::optional<double> width_m, speed_m_per_s, force_n, tolerance_m, vacuum_mbar, timeout_s;
+  std::map<std::string, std::optional<double>> numbers;  // optional ones, by their keys in requests
 };
-
-// "0.5", "pi", "-pi/2", "3*pi/4"
-double number_of(const std::string& argument) {
-  const auto plain = [&](const std::string& text) {
-    char* end = nullptr;
-    const double value = std::strtod(text.c_str(), &end);
-    if (text.empty() || *end != '\0')
-      throw UsageError(fmt::format("ctl: expected a number, found '{}'", argument));
-    return value;
-  };
-  const std::size_t at = argument.find("pi");
-  if (at == std::string::npos) return plain(argument);
-  std::string before = argument.substr(0, at), after = argument.substr(at + 2);
-  double value = std::numbers::pi;
-  if (before == "-") {
-    value = -value;
-  } else if (!before.empty()) {
-    if (before.back() != '*') throw UsageError(fmt::format("ctl: expected a number, found '{}'", argument));
-    before.pop_back();
-    value *= plain(before);
-  }
-  if (after.empty()) return value;
-  if (after.front() != '/') throw UsageError(fmt::format("ctl: expected a number, found '{}'", argument));
-  return value / plain(after.substr(1));
-}
 
 // The numbers of "0.4,0,pi/2".
 std::vector<double> numbers_of(const std::string& text) {
   std::vector<double> numbers;
   for (std::size_t begin = 0; begin <= text.size();) {
     const std::size_t comma = std::min(text.find(',', begin), text.size());
-    numbers.push_back(number_of(text.substr(begin, comma - begin)));
+    const std::string part = text.substr(begin, comma - begin);
+    if (!read_number(part, numbers.emplace_back()))
+      throw UsageError(fmt::format("ctl: expected a number, found '{}'", part));
     begin = comma + 1;
   }
   return numbers;
@@ -369,7 +346,7 @@ class Ctl {
   }
   void arms(const std::string& name, const std::string& what) {
     CLI::App* child = add(name, what, "left");
-    child->add_option("arms", options_->names, "Names of arms (default: all)");
+    option(child, "arms", options_->names, "Names of arms (default: all)");
     asks(child, [name](const CtlOptions& o) {
       json request = {{"do", name}};
       if (!o.names.empty()) request["arms"] = o.names;
@@ -378,8 +355,30 @@ class Ctl {
   }
   void arm(const std::string& name, const std::string& what) {
     CLI::App* child = add(name, what, "left");
-    child->add_option("arm", options_->name, "Name of the arm")->required();
+    option(child, "arm", options_->name, "Name of the arm", required);
     asks(child, [name](const CtlOptions& o) { return json{{"do", name}, {"arm", o.name}}; });
+  }
+  // With `key`: the name of an arm or object, and "KEY=VALUE" ...
+  void pairs(const std::string& name, const std::string& what, const std::string& example,
+             const std::string& keys, const std::string& key, const json& request) {
+    CLI::App* child = add(name, what, example);
+    option(child, key, options_->name, "Name of the " + key, required);
+    option(child, "pairs", options_->pairs, "KEY=VALUE: " + keys, required);
+    asks(child, [key, request](const CtlOptions& o) {
+      json whole = request;
+      whole[key] = o.name;
+      add_pairs(o.pairs, whole);
+      return whole;
+    });
+  }
+  void end_effector(CLI::App* child, const char* kind) {
+    asks(child, [kind](const CtlOptions& o) {
+      json request = {{"do", kind}, {"arm", o.name}, {"action", o.value}};
+      for (const auto& [key, value] : o.numbers) {
+        if (value) request[key] = *value;
+      }
+      return request;
+    });
   }
   void plain(const std::string& name, const std::string& what, const json& request) {
     asks(add(name, what), [request](const CtlOptions&) { return request; });
@@ -405,31 +404,29 @@ void add_ctl(Program& program) {
       "  multipanda ctl watch --rate 5\n"
       "Lists are separated by commas. Exit codes: 0 done; 1 refused; 2 not understood (includes unknown "
       "names).");
-  command->add_option("--socket", o->socket, "Socket of the run (default: that of the only running scene)");
+  option(command, "--socket", o->socket, "Socket of the run (default: that of the only running scene)");
   command->add_flag("--json", o->json, "Print the answer as one JSON object per line");
   command->require_subcommand(1);
   Ctl ctl(program, command, o);
   const auto text = [](CLI::App* child, const char* name, std::string& value, const char* what) {
-    child->add_option(name, value, what)->required();
+    option(child, name, value, what, required);
   };
 
   CLI::App* list_command =
       ctl.add("list", "List the controllets, or inputs, features and parameters of some", "cartesian");
-  list_command->add_option("controllets", o->names,
-                           "Controllets to show in detail (default: a summary of all)");
+  option(list_command, "controllets", o->names, "Controllets to show in detail (default: a summary of all)");
   list_command->add_flag("--all", o->all, "Show all controllets in detail");
   program.on(list_command, [o] { return list(*o); });
   ctl.plain("state", "Print the current state", {{"do", "state"}});
   CLI::App* watch_command = ctl.add("watch", "Print the state repeatedly until Ctrl-C", "--rate 5");
-  watch_command->add_option("--rate", o->rate_hz, "States per second (default 2)")
-      ->check(CLI::Range(0.1, 1000.0));
-  watch_command->add_option("--count", o->count, "Number of states to print (default: no limit)");
+  option(watch_command, "--rate", o->rate_hz, "States per second (default 2)", within(0.1, 1000.0));
+  option(watch_command, "--count", o->count, "Number of states to print (default: no limit)");
   program.on(watch_command, [o] { return watch(*o); });
 
   CLI::App* change =
       ctl.add("switch", "Activate controllets; the previous owners of their arms stop", "joint --stop force");
-  change->add_option("controllets", o->names, "Controllets to activate");
-  change->add_option("--stop", o->stop, "Controllets to deactivate; arms without an owner are held");
+  option(change, "controllets", o->names, "Controllets to activate");
+  option(change, "--stop", o->stop, "Controllets to deactivate; arms without an owner are held");
   change->add_flag("--only", o->only, "Deactivate all other controllets");
   ctl.asks(change, [](const CtlOptions& c) {
     return json{{"do", "switch"}, {"activate", c.names}, {"deactivate", c.stop}, {"only", c.only}};
@@ -440,7 +437,7 @@ void add_ctl(Program& program) {
   text(feature, "controllet", o->name, "Name of the controllet");
   text(feature, "feature", o->input, "Name of the feature");
   o->value = "on";
-  feature->add_option("value", o->value, "on or off (default on)")->check(CLI::IsMember({"on", "off"}));
+  option(feature, "value", o->value, "on or off (default on)", one_of({"on", "off"}));
   ctl.asks(feature, [](const CtlOptions& c) {
     return json{{"do", "feature"}, {"controllet", c.name}, {"name", c.input}, {"on", c.value == "on"}};
   });
@@ -449,11 +446,10 @@ void add_ctl(Program& program) {
                                 "cartesian pose position_m=0.45,0.1,0.4 rpy_rad=pi,0,0 duration_s=2");
   text(reference, "controllet", o->name, "Name of the controllet");
   text(reference, "input", o->input, "Name of the input");
-  reference
-      ->add_option("pairs", o->pairs,
-                   "KEY=VALUE: position_m with rpy_rad or quaternion_wxyz, q_rad, force_n, torque_nm, "
-                   "linear_m_per_s, angular_rad_per_s, value; frame=world or ARM_base; duration_s")
-      ->required();
+  option(reference, "pairs", o->pairs,
+         "KEY=VALUE: position_m with rpy_rad or quaternion_wxyz, q_rad, force_n, torque_nm, "
+         "linear_m_per_s, angular_rad_per_s, value; frame=world or ARM_base; duration_s",
+         required);
   ctl.asks(reference, [](const CtlOptions& c) {
     json request = {{"do", "reference"}, {"controllet", c.name}, {"input", c.input}};
     add_pairs(c.pairs, request);
@@ -464,10 +460,8 @@ void add_ctl(Program& program) {
                                 "joint stiffness_nm_per_rad 100,100,100,100,50,50,50");
   text(parameter, "controllet", o->name, "Name of the controllet");
   text(parameter, "parameter", o->input, "Name of the parameter");
-  parameter
-      ->add_option("values", o->names,
-                   "One number for all elements, a number for each, or the name of a choice")
-      ->required();
+  option(parameter, "values", o->names,
+         "One number for all elements, a number for each, or the name of a choice", required);
   ctl.asks(parameter, [](const CtlOptions& c) {
     return json{
         {"do", "parameter"}, {"controllet", c.name}, {"name", c.input}, {"value", parameter_value(c.names)}};
@@ -475,23 +469,16 @@ void add_ctl(Program& program) {
 
   CLI::App* stop_command = ctl.add(
       "stop", "Hold arms from the next cycle until they are resumed; without --socket in all runs", "left");
-  stop_command->add_option("arms", o->names, "Names of arms (default, and with a wrong name: all)");
+  option(stop_command, "arms", o->names, "Names of arms (default, and with a wrong name: all)");
   program.on(stop_command, [o] { return stop(*o); });
   ctl.arms("resume", "Allow switches of stopped arms again; they are held until then");
 
-  CLI::App* load = ctl.add("load", "Declare the payload of an arm", "left mass_kg=0.5 com_m=0,0,0.1");
-  text(load, "arm", o->name, "Name of the arm");
-  load->add_option("pairs", o->pairs, "KEY=VALUE: mass_kg, com_m (in the flange frame)")->required();
-  ctl.asks(load, [](const CtlOptions& c) {
-    json request = {{"do", "set_load"}, {"arm", c.name}};
-    add_pairs(c.pairs, request);
-    return request;
-  });
-
+  ctl.pairs("load", "Declare the payload of an arm", "left mass_kg=0.5 com_m=0,0,0.1",
+            "mass_kg, com_m (in the flange frame)", "arm", {{"do", "set_load"}});
   CLI::App* frame = ctl.add("frames", "Set the end effector of an arm in its flange frame",
                             "left position_m=0,0,0.1 rpy_rad=0,0,0");
   text(frame, "arm", o->name, "Name of the arm");
-  frame->add_option("pairs", o->pairs, "KEY=VALUE: position_m with rpy_rad or quaternion_wxyz")->required();
+  option(frame, "pairs", o->pairs, "KEY=VALUE: position_m with rpy_rad or quaternion_wxyz", required);
   ctl.asks(frame, [](const CtlOptions& c) {
     json request = {{"do", "set_frames"}, {"arm", c.name}, {"end_effector", json::object()}};
     add_pairs(c.pairs, request["end_effector"]);
@@ -504,9 +491,7 @@ void add_ctl(Program& program) {
   CLI::App* user_stop =
       ctl.add("user-stop", "Simulation: press or release the stop button of an arm", "left on");
   text(user_stop, "arm", o->name, "Name of the arm");
-  user_stop->add_option("value", o->value, "on (pressed) or off (released)")
-      ->required()
-      ->check(CLI::IsMember({"on", "off"}));
+  option(user_stop, "value", o->value, "on (pressed) or off (released)", required, one_of({"on", "off"}));
   ctl.asks(user_stop, [](const CtlOptions& c) {
     return json{{"do", "user_stop"}, {"arm", c.name}, {"pressed", c.value == "on"}};
   });
@@ -514,63 +499,32 @@ void add_ctl(Program& program) {
   CLI::App* gripper = ctl.add("gripper", "Move the gripper of an arm and wait for the end of the motion",
                               "left grasp --width 0.05");
   text(gripper, "arm", o->name, "Name of the arm");
-  gripper->add_option("action", o->value, "homing, move, grasp, stop or state")
-      ->required()
-      ->check(CLI::IsMember({"homing", "move", "grasp", "stop", "state"}));
-  gripper->add_option("--width", o->width_m, "Distance of the fingers for move and grasp [m]");
-  gripper->add_option("--speed", o->speed_m_per_s,
-                      "Rate of change of the width for move and grasp [m/s] (default 0.1)");
-  gripper->add_option("--force", o->force_n, "Force of each finger for grasp [N] (default 40)");
-  gripper->add_option("--tolerance", o->tolerance_m,
-                      "Deviation of the width that counts as a grasp, either way [m] (default 0.005)");
-  ctl.asks(gripper, [](const CtlOptions& c) {
-    json request = {{"do", "gripper"}, {"arm", c.name}, {"action", c.value}};
-    if (c.width_m) request["width_m"] = *c.width_m;
-    if (c.speed_m_per_s) request["speed_m_per_s"] = *c.speed_m_per_s;
-    if (c.force_n) request["force_n"] = *c.force_n;
-    if (c.tolerance_m) request["tolerance_m"] = *c.tolerance_m;
-    return request;
-  });
+  option(gripper, "action", o->value, "homing, move, grasp, stop or state", required,
+         one_of({"homing", "move", "grasp", "stop", "state"}));
+  option(gripper, "--width", o->numbers["width_m"], "Distance of the fingers for move and grasp [m]");
+  option(gripper, "--speed", o->numbers["speed_m_per_s"],
+         "Rate of change of the width for move and grasp [m/s] (default 0.1)");
+  option(gripper, "--force", o->numbers["force_n"], "Force of each finger for grasp [N] (default 40)");
+  option(gripper, "--tolerance", o->numbers["tolerance_m"],
+         "Deviation of the width that counts as a grasp, either way [m] (default 0.005)");
+  ctl.end_effector(gripper, "gripper");
 
   CLI::App* vacuum = ctl.add("vacuum", "Command the vacuum gripper of an arm and wait until it is done",
                              "left on --vacuum 100");
   text(vacuum, "arm", o->name, "Name of the arm");
-  vacuum->add_option("action", o->value, "on, drop, stop or state")
-      ->required()
-      ->check(CLI::IsMember({"on", "drop", "stop", "state"}));
-  vacuum->add_option("--vacuum", o->vacuum_mbar,
-                     "Vacuum for on, below ambient pressure [mbar] (default 100)");
-  vacuum->add_option("--timeout", o->timeout_s, "Time limit for on and drop [s] (default 1)");
-  ctl.asks(vacuum, [](const CtlOptions& c) {
-    json request = {{"do", "vacuum"}, {"arm", c.name}, {"action", c.value}};
-    if (c.vacuum_mbar) request["vacuum_mbar"] = *c.vacuum_mbar;
-    if (c.timeout_s) request["timeout_s"] = *c.timeout_s;
-    return request;
-  });
+  option(vacuum, "action", o->value, "on, drop, stop or state", required,
+         one_of({"on", "drop", "stop", "state"}));
+  option(vacuum, "--vacuum", o->numbers["vacuum_mbar"],
+         "Vacuum for on, below ambient pressure [mbar] (default 100)");
+  option(vacuum, "--timeout", o->numbers["timeout_s"], "Time limit for on and drop [s] (default 1)");
+  ctl.end_effector(vacuum, "vacuum");
 
-  CLI::App* place = ctl.add("place", "Simulation: place a free object", "box position_m=0.5,0,0.1");
-  text(place, "object", o->name, "Name of the object");
-  place
-      ->add_option(
-          "pairs", o->pairs,
-          "KEY=VALUE: position_m; rpy_rad or quaternion_wxyz (default: the orientation in the scene)")
-      ->required();
-  ctl.asks(place, [](const CtlOptions& c) {
-    json request = {{"do", "place_object"}, {"object", c.name}};
-    add_pairs(c.pairs, request);
-    return request;
-  });
-  CLI::App* push = ctl.add("push", "Simulation: push a free object", "box force_n=5,0,0 duration_s=0.2");
-  text(push, "object", o->name, "Name of the object");
-  push->add_option("pairs", o->pairs,
-                   "KEY=VALUE: force_n at its center of mass, world axes, at most 100 N; duration_s (default "
-                   "0.2, at most 2)")
-      ->required();
-  ctl.asks(push, [](const CtlOptions& c) {
-    json request = {{"do", "push_object"}, {"object", c.name}};
-    add_pairs(c.pairs, request);
-    return request;
-  });
+  ctl.pairs("place", "Simulation: place a free object", "box position_m=0.5,0,0.1",
+            "position_m; rpy_rad or quaternion_wxyz (default: the orientation in the scene)", "object",
+            {{"do", "place_object"}});
+  ctl.pairs("push", "Simulation: push a free object", "box force_n=5,0,0 duration_s=0.2",
+            "force_n at its center of mass, world axes, at most 100 N; duration_s (default 0.2, at most 2)",
+            "object", {{"do", "push_object"}});
   ctl.plain("pause", "Simulation: pause the world", {{"do", "pause"}, {"paused", true}});
   ctl.plain("go", "Simulation: continue after a pause", {{"do", "pause"}, {"paused", false}});
   ctl.plain("reset", "Simulation: put the world back to its start", {{"do", "reset"}});

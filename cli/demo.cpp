@@ -3,9 +3,9 @@
 
 #include <fmt/format.h>
 
-#include "cli/backend_arguments.hpp"
 #include "cli/program.hpp"
 #include "cli/report.hpp"
+#include "cli/run_arguments.hpp"
 #include "cli/run_session.hpp"
 #include "common/own_files.hpp"
 #include "report/page_script.hpp"
@@ -171,12 +171,9 @@ void add_demo(Program& program) {
                   "  multipanda demo --fast       as fast as possible\n"
                   "The scene is config/demo.yaml.");
   command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
-  command->add_option("--record", options->record, "Folder for the log and the report")
-      ->type_name("DIR")
-      ->capture_default_str();
+  option(command, "--record", options->record, "Folder for the log and the report", named("DIR"), shown);
   add_backend_arguments(command, options->backend);
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

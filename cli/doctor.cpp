@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "common/text.hpp"
 #include "doctor/examination.hpp"
@@ -64,12 +63,11 @@ void add_doctor(Program& program) {
       "  multipanda doctor 172.16.0.2 172.16.0.3    also the network and two arms; moves nothing\n"
       "  multipanda doctor --scene my/scene.yaml --seconds 60 --json > doctor.json\n"
       "Fails (exit code 1) if something is bad; docs/commission.md explains every line.");
-  command->add_option("addresses", options->addresses, "Addresses of arms to examine")->type_name("ADDRESS");
-  command->add_option("--scene", options->scene, "Scene whose control cycle is timed (default two_arms)");
-  command->add_option("--seconds", options->seconds, "Duration of each measurement [s] (default 10)")
-      ->check(CLI::Range(0.1, 3600.0));
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  option(command, "addresses", options->addresses, "Addresses of arms to examine", named("ADDRESS"));
+  option(command, "--scene", options->scene, "Scene whose control cycle is timed (default two_arms)");
+  option(command, "--seconds", options->seconds, "Duration of each measurement [s] (default 10)",
+         within(0.1, 3600.0));
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

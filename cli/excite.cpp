@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "common/process.hpp"
 #include "sysid/excitation/excitation.hpp"
@@ -50,8 +49,7 @@ void prepare(ExciteArguments& arguments) {
     if (options.cycles < 1) {
       throw UsageError(fmt::format(
           "excite: {} s is too short for a whole period of {} s and a ramp of {} s; expected at least {} s, "
-          "or a shorter "
-          "--period",
+          "or a shorter --period",
           arguments.seconds, options.period, options.ramp, options.period + options.ramp));
     }
   }
@@ -115,40 +113,28 @@ void add_excite(Program& program) {
                   "  multipanda excite fr3 --out my/excitation.yaml --seconds 25 --harmonics 5 --seed 3\n"
                   "  multipanda excite fer --room -0.2 -0.5 0.1 0.7 0.5 1.2\n"
                   "  multipanda run ./excitation_fer.yaml --record runs");
-  command->add_option("model", arguments->model, "Name (see multipanda list models) or path of a model file")
-      ->required();
-  command->add_option("--out", arguments->out, "Scene file to write (default ./excitation_MODEL.yaml)");
-  command->add_option("--period", options.period, "Period of the base frequency [s]")
-      ->check(CLI::Range(1.0, 100.0))
-      ->capture_default_str();
-  command
-      ->add_option("--seconds", arguments->seconds,
-                   "Longest duration of the motion, cut to whole periods [s] (default: two periods)")
-      ->check(CLI::PositiveNumber);
-  command->add_option("--harmonics", options.parts, "Number of harmonics per joint")
-      ->check(CLI::Range(1, static_cast<int>(kMaxHarmonics + 1)))
-      ->capture_default_str();
-  command->add_option("--seed", options.seed, "Random seed of the initial motions and the search")
-      ->capture_default_str();
-  command->add_option("--evaluations", options.evaluations, "Number of motions that the search tries")
-      ->check(CLI::Range(100, 1000000))
-      ->capture_default_str();
-  command
-      ->add_option("--room", arguments->room,
-                   "Box in the base frame that the links, hand and tool must not leave [m] (default -0.25 "
-                   "-0.9 0.08 0.9 0.9 1.3)")
-      ->expected(6)
-      ->type_name("XMIN YMIN ZMIN XMAX YMAX ZMAX");
-  command
-      ->add_option("--reach", options.limits.reach,
-                   "Length of a payload of 5 cm radius in front of the flange [m], 0 for none")
-      ->check(CLI::Range(0.0, 1.0))
-      ->capture_default_str();
-  command->add_option("--payload", options.limits.payload, "Mass of that payload, for the torque limits [kg]")
-      ->check(CLI::Range(0.0, 10.0))
-      ->capture_default_str();
+  option(command, "model", arguments->model, "Name (see multipanda list models) or path of a model file",
+         required);
+  option(command, "--out", arguments->out, "Scene file to write (default ./excitation_MODEL.yaml)");
+  option(command, "--period", options.period, "Period of the base frequency [s]", within(1.0, 100.0), shown);
+  option(command, "--seconds", arguments->seconds,
+         "Longest duration of the motion, cut to whole periods [s] (default: two periods)", positive);
+  option(command, "--harmonics", options.parts, "Number of harmonics per joint",
+         within(1, static_cast<int>(kMaxHarmonics + 1)), shown);
+  option(command, "--seed", options.seed, "Random seed of the initial motions and the search", shown);
+  option(command, "--evaluations", options.evaluations, "Number of motions that the search tries",
+         within(100, 1000000), shown);
+  option(command, "--room", arguments->room,
+         "Box in the base frame that the links, hand and tool must not leave [m] (default -0.25 "
+         "-0.9 0.08 0.9 0.9 1.3)",
+         expecting(6), named("XMIN YMIN ZMIN XMAX YMAX ZMAX"));
+  option(command, "--reach", options.limits.reach,
+         "Length of a payload of 5 cm radius in front of the flange [m], 0 for none", within(0.0, 1.0),
+         shown);
+  option(command, "--payload", options.limits.payload, "Mass of that payload, for the torque limits [kg]",
+         within(0.0, 10.0), shown);
   command->add_flag("--no-hand", arguments->no_hand, "The hand of the model is not mounted");
-  command->add_flag("--json", arguments->json, "Print one JSON object to standard output");
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 

@@ -3,11 +3,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "cli/backend_arguments.hpp"
-#include "cli/cockpit_arguments.hpp"
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
+#include "cli/run_arguments.hpp"
 #include "common/machine.hpp"
 #include "common/person.hpp"
 #include "common/process.hpp"
@@ -290,65 +288,45 @@ void add_experiment(Program& program) {
       "  multipanda experiment controller-performance --backend virtual --generator ros\n"
       "  multipanda experiment all --fast                  all experiments and one page\n"
       "Fails (exit code 1) if a figure exceeds its limit or a run failed.");
-  command
-      ->add_option("name", options->name,
-                   "Name (see multipanda experiment list) or path of an experiment; all; or list")
-      ->required();
-  command
-      ->add_option("--repeats", options->repeats,
-                   "Runs of every variant on every plant (default: as in the experiment)")
-      ->check(CLI::Range(1, 1000));
-  command->add_option("--seed", options->seed, "Seed of variation and noise (default: as in the experiment)")
-      ->check(CLI::Range(0, 1000000000));
-  command->add_option("--set", options->set, "Value for the scene of every run, by key path; may be repeated")
-      ->type_name("KEY=VALUE")
-      ->take_all();
+  option(command, "name", options->name,
+         "Name (see multipanda experiment list) or path of an experiment; all; or list", required);
+  option(command, "--repeats", options->repeats,
+         "Runs of every variant on every plant (default: as in the experiment)", within(1, 1000));
+  option(command, "--seed", options->seed, "Seed of variation and noise (default: as in the experiment)",
+         within(0, 1000000000));
+  option(command, "--set", options->set, "Value for the scene of every run, by key path; may be repeated",
+         named("KEY=VALUE"), repeated);
   command->add_flag("--fast", options->fast,
                     "Run as fast as possible and several runs at once, instead of in real time");
-  command->add_option("--only", options->only, "Variants to run, by name or choice (default: all)")
-      ->delimiter(',');
-  command
-      ->add_option("--out", options->out,
-                   "Folder in which a new folder with logs, figures and page is created")
-      ->type_name("DIR")
-      ->capture_default_str();
-  command
-      ->add_option("--beside", options->beside,
-                   "Log of arms to be shown beside the simulated runs, with the paper's bounds; VARIANT=LOG "
-                   "if several variants run, or the folder of an experiment on arms; may be repeated. "
-                   "controller-performance: measurements inside a controller_manager, by file, folder or "
-                   "CONDITION=FILE")
-      ->type_name("LOG")
-      ->take_all();
-  command
-      ->add_option("--resume", options->resume,
-                   "Resume an interrupted experiment in its folder DIR; finished runs are kept. Give the "
-                   "same arguments as at its start")
-      ->type_name("DIR");
+  option(command, "--only", options->only, "Variants to run, by name or choice (default: all)", by_commas);
+  option(command, "--out", options->out,
+         "Folder in which a new folder with logs, figures and page is created", named("DIR"), shown);
+  option(command, "--beside", options->beside,
+         "Log of arms to be shown beside the simulated runs, with the paper's bounds; VARIANT=LOG if several "
+         "variants run, or the folder of an experiment on arms; may be repeated. controller-performance: "
+         "measurements inside a controller_manager, by file, folder or CONDITION=FILE",
+         named("LOG"), repeated);
+  option(command, "--resume", options->resume,
+         "Resume an interrupted experiment in its folder DIR; finished runs are kept. Give the "
+         "same arguments as at its start",
+         named("DIR"));
   add_experiment_arguments(command, options->backend);
-  command
-      ->add_option("--answers", options->answers,
-                   "File or pipe of lines 'QUESTION: answer' in place of a terminal, for virtual arms on "
-                   "this computer "
-                   "only; '-': standard input")
-      ->type_name("FILE");
+  option(command, "--answers", options->answers,
+         "File or pipe of lines 'QUESTION: answer' in place of a terminal, for virtual arms on this computer "
+         "only; '-': standard input",
+         named("FILE"));
   add_cockpit_arguments(command, options->cockpit,
                         "Show the runs in a browser on this computer, one at a time, at a port of 127.0.0.1");
-  command
-      ->add_option("--generator", options->generator,
-                   "Channel of the motion generator of controller-performance: socket, or ros (topics)")
-      ->check(CLI::IsMember({"socket", "ros"}))
-      ->capture_default_str();
-  command
-      ->add_option("--pace", options->pace,
-                   "Pace of virtual arms: realtime, or lockstep: they wait for every command, so that "
-                   "a busy computer loses none")
-      ->check(CLI::IsMember({"realtime", "lockstep"}))
-      ->capture_default_str();
+  option(command, "--generator", options->generator,
+         "Channel of the motion generator of controller-performance: socket, or ros (topics)",
+         one_of({"socket", "ros"}), shown);
+  option(command, "--pace", options->pace,
+         "Pace of virtual arms: realtime, or lockstep: they wait for every command, so that "
+         "a busy computer loses none",
+         one_of({"realtime", "lockstep"}), shown);
   command->add_flag("--keep-data", options->keep_data,
                     "Keep the arrays from which the figures were computed");
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

@@ -11,6 +11,7 @@
 #include "report/report.hpp"
 
 namespace multipanda::cli {
+
 namespace {
 
 struct ExportOptions {
@@ -49,10 +50,9 @@ int export_model(const ExportOptions& options) {
 // Makes a LeRobot data set from the marked episodes of all logs.
 int export_dataset(LerobotOptions dataset, const ExportOptions& options) {
   for (const std::string& pair : options.leaders) {
-    const auto equal = pair.find('=');
-    if (equal == 0 || equal == std::string::npos || equal + 1 == pair.size())
-      throw UsageError("export: --leader: expected ARM=LEADER, found " + pair);
-    dataset.leaders[pair.substr(0, equal)] = pair.substr(equal + 1);
+    const auto both = key_and_value(pair);
+    if (!both) throw UsageError("export: --leader: expected ARM=LEADER, found " + pair);
+    dataset.leaders.insert_or_assign(both->first, both->second);
   }
   std::vector<std::filesystem::path> logs;
   for (const std::string& log : options.all) logs.push_back(own_log(find_log(log)));
@@ -94,13 +94,10 @@ void add_export(Program& program) {
       "  multipanda export runs --npz                      of the newest run in runs\n"
       "  multipanda export runs/one runs/two --lerobot data/stack --fps 30 --task 'Stack the boxes'\n"
       "  multipanda export identified.yaml --urdf --mjcf --hand --out models");
-  command
-      ->add_option(
-          "what", options->all,
-          "Log file or folder of its run, several with --lerobot; with --urdf or --mjcf name or file of "
-          "a model")
-      ->required()
-      ->type_name("LOG|MODEL");
+  option(command, "what", options->all,
+         "Log file or folder of its run, several with --lerobot; with --urdf or --mjcf name or file of "
+         "a model",
+         required, named("LOG|MODEL"));
   CLI::Option* csv = command->add_flag(
       "--csv", options->csv, "Write a table per topic into a folder (default: csv next to the log)");
   command->add_flag("--npz", options->npz, "Write one archive for numpy.load() (default: next to the log)")
@@ -110,67 +107,82 @@ void add_export(Program& program) {
   CLI::Option* mjcf = command->add_flag(
       "--mjcf", options->mjcf, "Write the model with motor inertia and viscous and dry friction as NAME.xml");
   for (CLI::Option* format : {urdf, mjcf}) format->excludes(csv)->excludes("--npz");
-  command
-      ->add_option("--rotor-hidden", options->rotor_hidden,
-                   "With --mjcf: fraction of the rotors' inertia that the arm's torque loop compensates, 0 "
-                   "to 1; the rest becomes armature. Other programs have no such loop")
-      ->check(CLI::Range(0.0, 1.0))
+  option(command, "--rotor-hidden", options->rotor_hidden,
+         "With --mjcf: fraction of the rotors' inertia that the arm's torque loop compensates, 0 "
+         "to 1; the rest becomes armature. Other programs have no such loop",
+         within(0.0, 1.0))
       ->needs(mjcf)
       ->capture_default_str();
   command->add_flag("--hand", options->hand, "Include the closed hand on the flange");
-  command
-      ->add_option("--out", options->out,
-                   "Folder for --csv, --urdf and --mjcf, file for --npz (default: see the formats; models: "
-                   "this folder)")
-      ->type_name("PATH");
+  option(command, "--out", options->out,
+         "Folder for --csv, --urdf and --mjcf, file for --npz (default: see the formats; models: "
+         "this folder)",
+         named("PATH"));
   LerobotOptions& dataset = options->dataset;
   CLI::Option* lerobot =
-      command
-          ->add_option(
-              "--lerobot", options->lerobot,
-              "Write a LeRobot data set (v3.0) of the logs' marked episodes into this new folder; needs "
-              "the Python package pyarrow (docs/lerobot.md)")
-          ->type_name("DIR")
+      option(command, "--lerobot", options->lerobot,
+             "Write a LeRobot data set (v3.0) of the logs' marked episodes into this new folder; needs "
+             "the Python package pyarrow (docs/lerobot.md)",
+             named("DIR"))
           ->excludes(csv)
           ->excludes("--npz")
           ->excludes(urdf)
           ->excludes(mjcf)
           ->excludes("--out");
-  const auto option = [&](const char* name, auto& value, const char* text, const char* type) {
-    return command->add_option(name, value, text)->type_name(type)->needs(lerobot);
+  const auto of_dataset = [&](const char* name, auto& value, const char* text, const char* type) {
+    return option(command, name, value, text, named(type))->needs(lerobot);
   };
-  option("--fps", dataset.fps, "Frames per second of the data set (default 30)", "N")
+  of_dataset("--fps", dataset.fps, "Frames per second of the data set (default 30)", "N")
       ->check([](const std::string& text) {
         const bool whole = text.find_first_not_of("0123456789") == std::string::npos;
         return whole && CLI::Range(1, 1000)(text).empty()
                    ? std::string()
                    : "expected a whole number of frames per second, 1 to 1000, found " + text;
       });
-  option("--task", dataset.task, "Task description (default: the scene's name)", "TEXT");
-  option("--arms", dataset.arms, "Arms, in the order of the features (default: all)", "NAMES")
+  of_dataset("--task", dataset.task, "Task description (default: the scene's name)", "TEXT");
+  of_dataset("--arms", dataset.arms, "Arms, in the order of the features (default: all)", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--action", dataset.action,
-         "Set-points to use as the action (default: the first that all arms have)", "KIND")
+  of_dataset("--action", dataset.action,
+             "Set-points to use as the action (default: the first that all arms have)", "KIND")
       ->check(CLI::IsMember({"joints", "pose"}));
-  option("--observe", dataset.observe,
-         "Measured quantities: joints, velocities, torques, pose, wrench (default: joints)", "NAMES")
+  of_dataset("--observe", dataset.observe,
+             "Measured quantities: joints, velocities, torques, pose, wrench (default: joints)", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--grippers", dataset.grippers, "Arms whose fingers are included", "NAMES")
+  of_dataset("--grippers", dataset.grippers, "Arms whose fingers are included", "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--leader", options->leaders,
-         "Use the measured motion of LEADER as the action of ARM, for arms that followed in the run",
-         "ARM=LEADER")
+  of_dataset("--leader", options->leaders,
+             "Use the measured motion of LEADER as the action of ARM, for arms that followed in the run",
+             "ARM=LEADER")
       ->delimiter(',')
       ->allow_extra_args(false);
-  option("--outcomes", dataset.outcomes, "Episodes to use: success, failure, discard (default: success)",
-         "NAMES")
+  of_dataset("--outcomes", dataset.outcomes, "Episodes to use: success, failure, discard (default: success)",
+             "NAMES")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->check(CLI::IsMember({"success", "failure", "discard"}));
   program.on(command, [options] { return run(*options); });
+}
+
+void add_repair(Program& program) {
+  auto path = std::make_shared<std::string>();
+  CLI::App* command = program.add(
+      "repair", "Add the missing index and footer to the log of a killed run; leave out what cannot be read",
+      "  multipanda repair runs/20260102_120000_two_arms/log.mcap");
+  option(command, "log", *path, "Log file or folder of its run", required, named("LOG"));
+  program.on(command, [path] {
+    const std::filesystem::path log = find_log(*path);
+    const RepairResult result = repair_log(log);
+    if (result.was_complete) {
+      fmt::print("{}: complete, {} messages; nothing changed\n", log.string(), result.messages);
+    } else {
+      fmt::print("{}: repaired, {} messages; {} unreadable chunks and {} bytes at the end were dropped\n",
+                 log.string(), result.messages, result.chunks_dropped, result.bytes_dropped);
+    }
+    return kSuccess;
+  });
 }
 
 }  // namespace multipanda::cli

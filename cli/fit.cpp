@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "models/write_robot.hpp"
 #include "scene/build.hpp"
@@ -159,21 +158,19 @@ void add_fit(Program& program) {
       "simulation",
       "  multipanda fit runs/excitation/log.mcap --plant-model my/panda.yaml --out my/panda_tuned.yaml\n"
       "  multipanda fit runs/task_3/log.mcap --surface table --json");
-  command->add_option("log", arguments->log, "Log, or folder of a run")->required()->type_name("LOG");
-  command->add_option("--arm", arguments->arm, "Arm to use if the log has several");
-  command->add_option("--scene", arguments->scene, "Scene of a log that has none: CSV, NPZ, a bag")
-      ->check(CLI::ExistingFile);
-  command->add_option("--surface", arguments->surface, "Object of the scene whose stiffness is fitted")
-      ->type_name("OBJECT");
-  command->add_option("--plant-model", arguments->plant_model,
-                      "Model file of the arm (default: as in the scene)");
-  command->add_option("--out", arguments->out,
-                      "Model file to write, with the fitted delay, bandwidth, friction and noise");
-  command->add_option("--windows", arguments->options.windows, "Number of short replays per candidate")
-      ->capture_default_str();
-  command->add_option("--threads", arguments->options.threads, "Number of threads, 0 for one per core")
-      ->capture_default_str();
-  command->add_flag("--json", arguments->json, "Print all figures as one JSON object to standard output");
+  option(command, "log", arguments->log, "Log, or folder of a run", required, named("LOG"));
+  option(command, "--arm", arguments->arm, "Arm to use if the log has several");
+  option(command, "--scene", arguments->scene, "Scene of a log that has none: CSV, NPZ, a bag",
+         existing_file);
+  option(command, "--surface", arguments->surface, "Object of the scene whose stiffness is fitted",
+         named("OBJECT"));
+  option(command, "--plant-model", arguments->plant_model,
+         "Model file of the arm (default: as in the scene)");
+  option(command, "--out", arguments->out,
+         "Model file to write, with the fitted delay, bandwidth, friction and noise");
+  option(command, "--windows", arguments->options.windows, "Number of short replays per candidate", shown);
+  option(command, "--threads", arguments->options.threads, "Number of threads, 0 for one per core", shown);
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 

@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "cli/channel_arguments.hpp"
-#include "cli/console.hpp"
+#include "cli/program.hpp"
 #include "common/process.hpp"
 #include "common/text.hpp"
 #include "motion_generators/publish.hpp"
@@ -134,18 +134,14 @@ void add_generate(Program& program) {
       "  multipanda generate circular-field common_target --seconds 30\n"
       "  multipanda generate circular-field common_target --to pair=coupled.pose\n"
       "  multipanda run two_arms --ros & multipanda generate circular-field common_target --ros");
-  field->add_option("course", options->course, "Name (config/courses) or path of a course file")->required();
+  option(field, "course", options->course, "Name (config/courses) or path of a course file", required);
   add_channel_arguments(field, options->channel);
-  field
-      ->add_option("--seconds", options->seconds,
-                   "End after this time, even before the goals [s] (default: at the goals)")
-      ->check(CLI::PositiveNumber);
-  field
-      ->add_option("--to", options->to,
-                   "HAND=CONTROLLET.INPUT to use instead of the course's; may be repeated")
-      ->type_name("TEXT");
+  option(field, "--seconds", options->seconds,
+         "End after this time, even before the goals [s] (default: at the goals)", positive);
+  option(field, "--to", options->to, "HAND=CONTROLLET.INPUT to use instead of the course's; may be repeated",
+         named("TEXT"));
   field->add_flag("--rehearse", options->rehearse, "Plan only, as fast as possible, without a run");
-  field->add_flag("--json", options->json, "Print one JSON object to standard output at the end");
+  json_flag(field, options->json);
   program.on(field, [options] { return run(*options); });
 }
 

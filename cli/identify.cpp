@@ -6,7 +6,6 @@
 
 #include <fmt/format.h>
 
-#include "cli/console.hpp"
 #include "cli/measured_arguments.hpp"
 #include "cli/program.hpp"
 #include "models/write_robot.hpp"
@@ -149,22 +148,19 @@ void add_identify(Program& program) {
                   "  multipanda identify runs/with_tool --robot my/panda.yaml --payload --json\n"
                   "  multipanda identify floor.csv wall.csv --base wall.csv=0,1.5708,0 --out my/panda.yaml\n"
                   "  multipanda predict other.csv --model my/panda.yaml --model fer");
-  command->add_option("logs", arguments->logs, "CSV files, logs, or folders of runs, used as one set of data")
-      ->required()
-      ->type_name("LOG");
-  command->add_option("--robot", arguments->robot, "Known model of the arm: name or path of a model file")
-      ->capture_default_str();
+  option(command, "logs", arguments->logs, "CSV files, logs, or folders of runs, used as one set of data",
+         required, named("LOG"));
+  option(command, "--robot", arguments->robot, "Known model of the arm: name or path of a model file", shown);
   command->add_flag("--payload", arguments->options.payload,
                     "Identify only a body on the flange; the arm itself is taken from the known model");
   add_measured_arguments(command, arguments->measured);
-  command->add_option("--family", arguments->options.families,
-                      "Candidate family to try; may be repeated (default: all)");
-  command->add_option("--out", arguments->out,
-                      "Model file to write, for scenes, controllers and virtual arms");
-  command->add_option("--urdf", arguments->urdf, "URDF file to write (rigid bodies only)");
-  command->add_option("--mjcf", arguments->mjcf, "MJCF file to write (rigid bodies only)");
-  command->add_option("--report", arguments->report, "Folder for a page with plots")->type_name("DIR");
-  command->add_flag("--json", arguments->json, "Print all figures as one JSON object to standard output");
+  option(command, "--family", arguments->options.families,
+         "Candidate family to try; may be repeated (default: all)");
+  option(command, "--out", arguments->out, "Model file to write, for scenes, controllers and virtual arms");
+  option(command, "--urdf", arguments->urdf, "URDF file to write (rigid bodies only)");
+  option(command, "--mjcf", arguments->mjcf, "MJCF file to write (rigid bodies only)");
+  option(command, "--report", arguments->report, "Folder for a page with plots", named("DIR"));
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 

@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "core/plugin/law_trial.hpp"
 #include "scene/build.hpp"
@@ -150,24 +149,19 @@ void add_law(Program& program) {
                   "  multipanda law --type joint_impedance             one of multipanda's own\n"
                   "  multipanda law my_law.so --model fr3 --json --samples 10\n"
                   "Fails (exit code 1) on a fault, or above --most-us.");
-  command->add_option("library", arguments->library,
-                      "Library of a controllet, as a scene names it in plugins");
-  command->add_option("--type", arguments->type, "One type only, which may be built in");
-  command->add_option("--model", arguments->model, "Robot model of every arm (default fer)");
-  command->add_option("--states", arguments->trial.states, "Number of random states (default 10000)")
-      ->check(CLI::Range(1, 10000000));
-  command->add_option("--seed", arguments->trial.seed, "Seed of the states (default 1)");
-  command
-      ->add_option("--repeats", arguments->trial.repeats,
-                   "Ticks on each state, of which the shortest counts (default 3)")
-      ->check(CLI::Range(1, 1000));
-  command
-      ->add_option("--most-us", arguments->trial.most_us,
-                   "Largest processor time of a tick at 99.9 % [us] (default 100)")
-      ->check(CLI::Range(0.001, 1e6));
-  command->add_option("--samples", arguments->samples,
-                      "With --json: the first N states with torques (default 0)");
-  command->add_flag("--json", arguments->json, "Print the result as one JSON object to standard output");
+  option(command, "library", arguments->library, "Library of a controllet, as a scene names it in plugins");
+  option(command, "--type", arguments->type, "One type only, which may be built in");
+  option(command, "--model", arguments->model, "Robot model of every arm (default fer)");
+  option(command, "--states", arguments->trial.states, "Number of random states (default 10000)",
+         within(1, 10000000));
+  option(command, "--seed", arguments->trial.seed, "Seed of the states (default 1)");
+  option(command, "--repeats", arguments->trial.repeats,
+         "Ticks on each state, of which the shortest counts (default 3)", within(1, 1000));
+  option(command, "--most-us", arguments->trial.most_us,
+         "Largest processor time of a tick at 99.9 % [us] (default 100)", within(0.001, 1e6));
+  option(command, "--samples", arguments->samples,
+         "With --json: the first N states with torques (default 0)");
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 

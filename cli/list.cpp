@@ -11,6 +11,7 @@
 #include "scene/load.hpp"
 
 namespace multipanda::cli {
+
 namespace {
 
 struct ListOptions {
@@ -53,10 +54,8 @@ int list_scenes() {
   for (const auto& name : available_scenes()) {
     try {
       const OpenedScene opened = open_scene(name);
-      std::vector<std::string> arms;
-      for (const auto& arm : opened.scene.arms) arms.push_back(arm.name);
-      fmt::print("{:<20} {} arm{}  {}\n", name, arms.size(), arms.size() == 1 ? " " : "s",
-                 opened.scene.description);
+      const std::size_t arms = opened.scene.arms.size();
+      fmt::print("{:<20} {} arm{}  {}\n", name, arms, arms == 1 ? " " : "s", opened.scene.description);
     } catch (const std::exception& error) {
       fmt::print("{:<20} refused: {}\n", name, error.what());
     }
@@ -130,10 +129,9 @@ void add_list(Program& program) {
   const auto add = [&](const std::string& name, const std::string& what) {
     CLI::App* child = command->add_subcommand(name, what);
     if (name != "models" && name != "scenes") {
-      CLI::Option* plugin = child->add_option("--plugin", options->plugins, "Shared library with more types")
-                                ->type_name("FILE")
-                                ->check(CLI::ExistingFile);
-      child->add_option("--scene", options->scene, "Scene whose plug-ins are loaded")->excludes(plugin);
+      CLI::Option* plugin = option(child, "--plugin", options->plugins, "Shared library with more types",
+                                   named("FILE"), existing_file);
+      option(child, "--scene", options->scene, "Scene whose plug-ins are loaded")->excludes(plugin);
     }
     return child;
   };
@@ -144,7 +142,7 @@ void add_list(Program& program) {
   program.on(add("models", "List the robot models"), [] { return list_models(); });
   program.on(add("scenes", "List the scenes that can be named without a path"), [] { return list_scenes(); });
   CLI::App* parameters = add("parameters", "Describe parameters and inputs of a controllet or feature");
-  parameters->add_option("name", options->name, "Type of a controllet or feature")->required();
+  option(parameters, "name", options->name, "Type of a controllet or feature", required);
   program.on(parameters, [options] { return list_parameters(*options); });
 }
 

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "cli/console.hpp"
+#include "cli/program.hpp"
 #include "runtime/run_monitor.hpp"
 
 namespace multipanda::cli {

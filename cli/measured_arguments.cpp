@@ -10,25 +10,19 @@
 namespace multipanda::cli {
 
 void add_measured_arguments(CLI::App* command, MeasuredArguments& arguments) {
-  command->add_option("--arm", arguments.arm, "Arm to use if the log has several");
-  command->add_option("--columns", arguments.columns,
-                      "Names of CSV columns: OURS=THEIRS,... such as q1=joint_1,t=time, or a YAML file");
+  option(command, "--arm", arguments.arm, "Arm to use if the log has several");
+  option(command, "--columns", arguments.columns,
+         "Names of CSV columns: OURS=THEIRS,... such as q1=joint_1,t=time, or a YAML file");
   command->add_flag("--hand", arguments.hand,
                     "The hand is mounted (default: as in the log's scene; without a scene not mounted)");
   command->add_flag("--no-hand", arguments.no_hand, "The hand is not mounted")->excludes("--hand");
-  command
-      ->add_option("--tool", arguments.tool,
-                   "Known body on the flange: mass [kg], center of mass [m] (default: as in the log's scene)")
-      ->expected(4)
-      ->type_name("MASS X Y Z");
-  command
-      ->add_option(
-          "--base", arguments.bases,
-          "Base in the world as roll, pitch, yaw [rad], of all logs or of one; may be repeated (default: "
-          "as in the log's scene or the CSV line '# base_rpy_rad: R P Y'; otherwise level)")
-      ->type_name("[LOG=]R,P,Y")
-      ->expected(1)
-      ->take_all();
+  option(command, "--tool", arguments.tool,
+         "Known body on the flange: mass [kg], center of mass [m] (default: as in the log's scene)",
+         expecting(4), named("MASS X Y Z"));
+  option(command, "--base", arguments.bases,
+         "Base in the world as roll, pitch, yaw [rad], of all logs or of one; may be repeated (default: "
+         "as in the log's scene or the CSV line '# base_rpy_rad: R P Y'; otherwise level)",
+         named("[LOG=]R,P,Y"), expecting(1), repeated);
 }
 
 std::vector<MeasuredLog> read_one_arm(const std::string& given, const MeasuredArguments& arguments) {

@@ -5,9 +5,9 @@
 
 #include <fmt/format.h>
 
-#include "cli/backend_arguments.hpp"
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
+#include "cli/run_arguments.hpp"
 #include "cli/run_session.hpp"
 #include "common/text.hpp"
 #include "runtime/motion/joint_move.hpp"
@@ -30,18 +30,9 @@ struct MoveOptions {
 std::vector<double> numbers_of(const std::vector<std::string>& arguments) {
   std::vector<double> numbers;
   for (const auto& argument : arguments) {
-    std::size_t used = 0;
-    double value = std::numeric_limits<double>::quiet_NaN();
-    try {
-      value = std::stod(argument, &used);
-    } catch (const std::exception&) {
-      used = 0;
-    }
-    if (used != argument.size() || !std::isfinite(value)) {
+    if (!read_number(argument, numbers.emplace_back()) || !std::isfinite(numbers.back()))
       throw UsageError(
           fmt::format("move: expected 'home' or one angle [rad] per joint, found '{}'", argument));
-    }
-    numbers.push_back(value);
   }
   return numbers;
 }
@@ -100,8 +91,7 @@ int run(const MoveOptions& options) {
   OpenedScene opened = open_scene(options.scene);
   refuse_carried_arms(opened.scene, "multipanda move");
   Scene scene = with_connections(std::move(opened.scene), session_options.backend);
-  std::vector<std::string> names;
-  for (const auto& arm : scene.arms) names.push_back(arm.name);
+  const std::vector<std::string> names = names_in(scene.arms);
   if (!options.arm.empty() && std::find(names.begin(), names.end(), options.arm) == names.end()) {
     throw UsageError(fmt::format("move: the scene has no arm '{}'{}", options.arm,
                                  name_hint(options.arm, names, "no arms")));
@@ -167,23 +157,18 @@ void add_move(Program& program) {
                   "  multipanda move two_arms home\n"
                   "  multipanda move two_arms --arm left 0 -0.5 0 -2.2 0 1.8 0.8\n"
                   "The path is a straight line in joint space. It is not checked for collisions.");
-  command
-      ->add_option("scene", options->scene,
-                   "Name or path of a scene file; its controllets and timeline do not run")
-      ->required();
-  command->add_option("goal", options->goal, "'home', or one angle per joint [rad]")->required();
-  command->add_option("--arm", options->arm, "Arm to move; the others are held (default: all)")
-      ->type_name("NAME");
-  command->add_option("--speed", options->speed, "Fraction of the joints' velocity limits, at most 0.2")
-      ->check(CLI::Range(0.01, JointMove::kLargestSpeed))
-      ->capture_default_str();
+  option(command, "scene", options->scene,
+         "Name or path of a scene file; its controllets and timeline do not run", required);
+  option(command, "goal", options->goal, "'home', or one angle per joint [rad]", required);
+  option(command, "--arm", options->arm, "Arm to move; the others are held (default: all)", named("NAME"));
+  option(command, "--speed", options->speed, "Fraction of the joints' velocity limits, at most 0.2",
+         within(0.01, JointMove::kLargestSpeed), shown);
   command->add_flag("--full-speed", options->full_speed,
                     "Use the scene's own bounds, even before its first run on physical arms");
   command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
-  command->add_option("--record", options->record, "Record the log into a new folder inside DIR")
-      ->type_name("DIR");
+  option(command, "--record", options->record, "Record the log into a new folder inside DIR", named("DIR"));
   add_backend_arguments(command, options->backend);
-  command->add_flag("--json", options->json, "Print one JSON object to standard output at the end");
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 
-#include "cli/console.hpp"
 #include "cli/measured_arguments.hpp"
 #include "cli/program.hpp"
 #include "core/types/statistics.hpp"
@@ -150,20 +149,17 @@ void add_observe(Program& program) {
       "observe", "Estimate the external torques of a log by the momentum observer, and find touches",
       "  multipanda observe touched.csv --model fer --hand --out external.csv\n"
       "A column `contact` (0 or 1) labels the touches that should be found.");
-  command->add_option("logs", arguments->logs, "Logs, or folders of runs, of an arm that holds its pose")
-      ->required()
-      ->type_name("LOG");
-  command->add_option("--model", arguments->model, "Name or path of a model file")->capture_default_str();
+  option(command, "logs", arguments->logs, "Logs, or folders of runs, of an arm that holds its pose",
+         required, named("LOG"));
+  option(command, "--model", arguments->model, "Name or path of a model file", shown);
   add_measured_arguments(command, arguments->measured);
-  command
-      ->add_option("--threshold", arguments->options.threshold, "Quick change that counts as a touch [N m]")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->add_option("--stage", arguments->options.stage_hz, "Low-pass behind the observer [Hz], 0 for none")
+  option(command, "--threshold", arguments->options.threshold, "Quick change that counts as a touch [N m]",
+         positive, shown);
+  option(command, "--stage", arguments->options.stage_hz, "Low-pass behind the observer [Hz], 0 for none")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  command->add_option("--out", arguments->out, "CSV file to write: time and external torques");
-  command->add_flag("--json", arguments->json, "Print all figures as one JSON object to standard output");
+  option(command, "--out", arguments->out, "CSV file to write: time and external torques");
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 
@@ -173,17 +169,13 @@ void add_predict(Program& program) {
       "predict", "Compare the torque that models predict for the motion of a log with the measured one",
       "  multipanda predict other.csv --model my/panda.yaml --json\n"
       "  multipanda predict other.csv --model my/panda.yaml --model fer");
-  command->add_option("log", arguments->log, "CSV file, log, or folder of a run")
-      ->required()
-      ->type_name("LOG");
-  command
-      ->add_option("--model", arguments->models,
-                   "Name or path of a model file; may be repeated to compare models")
-      ->required();
+  option(command, "log", arguments->log, "CSV file, log, or folder of a run", required, named("LOG"));
+  option(command, "--model", arguments->models,
+         "Name or path of a model file; may be repeated to compare models", required);
   add_measured_arguments(command, arguments->measured);
   command->add_flag("--motor-friction", arguments->options.motor_friction,
                     "Add the motors' friction table to the predicted torque");
-  command->add_flag("--json", arguments->json, "Print all figures as one JSON object to standard output");
+  json_flag(command, arguments->json);
   program.on(command, [arguments] { return run(*arguments); });
 }
 

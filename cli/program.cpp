@@ -3,9 +3,12 @@
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <exception>
 #include <filesystem>
+#include <string_view>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <fmt/format.h>
@@ -13,6 +16,33 @@
 #include "common/text.hpp"
 
 namespace multipanda::cli {
+
+Console::Console(bool as_json) : stream_(as_json ? stderr : stdout) {
+  const char* term = std::getenv("TERM");
+  terminal_ = isatty(fileno(stream_)) != 0 && term != nullptr && std::string_view(term) != "dumb";
+  const char* no_color = std::getenv("NO_COLOR");
+  color_ = terminal_ && (no_color == nullptr || *no_color == '\0');
+}
+
+std::size_t Console::width() const {
+  winsize size{};
+  if (ioctl(fileno(stream_), TIOCGWINSZ, &size) != 0 || size.ws_col == 0) return 80;
+  return size.ws_col;
+}
+
+std::size_t Console::height() const {
+  winsize size{};
+  if (ioctl(fileno(stream_), TIOCGWINSZ, &size) != 0 || size.ws_row == 0) return 24;
+  return size.ws_row;
+}
+
+void Console::line(const std::string& text) const { raw(text + "\n"); }
+
+void Console::raw(const std::string& text) const {
+  std::fwrite(text.data(), 1, text.size(), stream_);
+  std::fflush(stream_);
+}
+
 namespace {
 
 std::vector<std::string> names_of_commands(const CLI::App& app) {
@@ -96,6 +126,22 @@ int run_program(int argc, char** argv, const ProgramWords& words,
     fmt::print(stderr, "multipanda: {}\n", error.what());
     return kFailed;
   }
+}
+
+CLI::Option* scene_option(CLI::App* command, std::string& scene) {
+  return option(command, "scene", scene, "Name (see multipanda list scenes) or path of a scene file",
+                required);
+}
+
+void json_flag(CLI::App* command, bool& json) {
+  command->add_flag("--json", json,
+                    "Print one JSON object to standard output at the end, messages to standard error");
+}
+
+std::optional<std::pair<std::string, std::string>> key_and_value(const std::string& text) {
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos || equals == 0 || equals + 1 == text.size()) return {};
+  return std::pair(text.substr(0, equals), text.substr(equals + 1));
 }
 
 int become(const char* program, char** argv) {

@@ -1,14 +1,35 @@
 #pragma once
 
+#include <cstdio>
 #include <initializer_list>
+#include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <CLI/CLI.hpp>
 
 // The command line. Each command has its own file, with a function add_<command>(program).
 namespace multipanda::cli {
+
+// Human-readable output: standard output, or standard error if standard output carries JSON (--json).
+class Console {
+ public:
+  explicit Console(bool json);
+
+  bool is_terminal() const { return terminal_; }  // supports redrawing
+  bool has_color() const { return color_; }       // a terminal, and NO_COLOR is not set
+  std::size_t width() const;                      // current number of columns
+  std::size_t height() const;                     // current number of lines
+
+  void line(const std::string& text) const;  // with a newline; flushed
+  void raw(const std::string& text) const;   // unchanged, in one write; flushed
+
+ private:
+  std::FILE* stream_;
+  bool terminal_ = false, color_ = false;
+};
 
 // Exit codes of every command (docs/command_line.md).
 enum ExitCode : int {
@@ -33,6 +54,41 @@ struct Program {
     command->callback([this, run] { exit_code = run(); });
   }
 };
+
+// An option of a command, and what it is beyond its name, its variable and its help: named("FILE"),
+// within(0.0, 1.0), one_of({"a", "b"}), required ...
+template <typename Value, typename... How>
+CLI::Option* option(CLI::App* command, const std::string& name, Value& value, const std::string& help,
+                    const How&... how) {
+  CLI::Option* made = command->add_option(name, value, help);
+  (how(made), ...);
+  return made;
+}
+inline auto named(std::string value) {
+  return [value](CLI::Option* o) { o->type_name(value); };
+}
+inline auto within(auto low, auto high) {
+  return [low, high](CLI::Option* o) { o->check(CLI::Range(low, high)); };
+}
+inline auto one_of(std::vector<std::string> words) {
+  return [words](CLI::Option* o) { o->check(CLI::IsMember(words)); };
+}
+inline auto expecting(int count) {
+  return [count](CLI::Option* o) { o->expected(count); };
+}
+inline void required(CLI::Option* o) { o->required(); }
+inline void shown(CLI::Option* o) { o->capture_default_str(); }  // the default, in the help
+inline void repeated(CLI::Option* o) { o->take_all(); }
+inline void by_commas(CLI::Option* o) { o->delimiter(','); }
+inline void positive(CLI::Option* o) { o->check(CLI::PositiveNumber); }
+inline void existing_file(CLI::Option* o) { o->check(CLI::ExistingFile); }
+
+// Options of many commands.
+CLI::Option* scene_option(CLI::App* command, std::string& scene);
+void json_flag(CLI::App* command, bool& json);
+
+// The two parts of "KEY=VALUE", split at the first "="; nothing if one of them is empty.
+std::optional<std::pair<std::string, std::string>> key_and_value(const std::string& text);
 
 struct ProgramWords {
   std::string name, description, footer;

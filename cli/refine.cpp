@@ -5,9 +5,8 @@
 
 #include <fmt/format.h>
 
-#include "cli/backend_arguments.hpp"
-#include "cli/console.hpp"
 #include "cli/program.hpp"
+#include "cli/run_arguments.hpp"
 #include "common/machine.hpp"
 #include "common/process.hpp"
 #include "logs/recorder.hpp"
@@ -45,9 +44,8 @@ RefineTarget target_of(const RefineArguments& arguments) {
   if (real && !arguments.cleared) {
     throw UsageError(
         "refine: real arms will perform the task and the excitation, which needs free space (0.9 m around "
-        "their bases); "
-        "remove everything that is not part of the task, keep the user stop at hand, and confirm with "
-        "--cleared");
+        "their bases); remove everything that is not part of the task, keep the user stop at hand, and "
+        "confirm with --cleared");
   }
   return target;
 }
@@ -94,42 +92,28 @@ void add_refine(Program& program) {
       "  multipanda refine task-4                              virtual arms with hidden plants of seed 1\n"
       "  multipanda refine task-5 --hidden 7 --rounds 2 --repeats 5\n"
       "  multipanda refine task-4 --variant mu01_k10 --target fci --address arm=172.16.0.2 --cleared");
-  command->add_option("experiment", arguments->experiment, "Name or path of an experiment of the kind 'task'")
-      ->required();
-  command
-      ->add_option("--target", arguments->target,
-                   "virtual (virtual arms of another process) or fci (real arms)")
-      ->check(CLI::IsMember({"virtual", "fci"}))
-      ->capture_default_str();
-  command->add_option("--hidden", arguments->hidden, "Seed of the hidden parameters of the virtual arms")
-      ->capture_default_str();
-  command
-      ->add_option("--drives", arguments->drives,
-                   "Drives of these arms: ideal, or motors (rotors, elastic joints and gear ripple, which "
-                   "identified models cannot express)")
-      ->check(CLI::IsMember({"ideal", "motors"}))
-      ->capture_default_str();
-  command->add_option("--address", arguments->addresses, "Address of a real arm, once per arm")
-      ->type_name("ARM=ADDRESS");
+  option(command, "experiment", arguments->experiment, "Name or path of an experiment of the kind 'task'",
+         required);
+  option(command, "--target", arguments->target,
+         "virtual (virtual arms of another process) or fci (real arms)", one_of({"virtual", "fci"}), shown);
+  option(command, "--hidden", arguments->hidden, "Seed of the hidden parameters of the virtual arms", shown);
+  option(command, "--drives", arguments->drives,
+         "Drives of these arms: ideal, or motors (rotors, elastic joints and gear ripple, which "
+         "identified models cannot express)",
+         one_of({"ideal", "motors"}), shown);
+  option(command, "--address", arguments->addresses, "Address of a real arm, once per arm",
+         named("ARM=ADDRESS"));
   command->add_flag("--cleared", arguments->cleared, "Confirm that the space around the real arms is free");
-  command->add_option("--rounds", options.rounds, "Number of refinement rounds")
-      ->check(CLI::Range(1, 20))
-      ->capture_default_str();
-  command->add_option("--repeats", options.repeats, "Number of repeats of the task")
-      ->check(CLI::Range(1, 100))
-      ->capture_default_str();
-  command->add_option("--variant", options.variant,
-                      "Variant of the experiment (default: the first with limits)");
-  command->add_option("--plant", options.plant, "Fidelity of the simulation")
-      ->check(CLI::IsMember({"ideal", "realistic"}))
-      ->capture_default_str();
-  command->add_option(
-      "--excitation", options.excitations,
-      "Scene files of excitations, one for all arms or one per arm (default: those in the project)");
-  command->add_option("--family", options.family,
-                      "Friction family, see identify (default: the best in cross-validation)");
-  command->add_option("--out", arguments->out, "Folder in which a new folder is created")
-      ->capture_default_str();
+  option(command, "--rounds", options.rounds, "Number of refinement rounds", within(1, 20), shown);
+  option(command, "--repeats", options.repeats, "Number of repeats of the task", within(1, 100), shown);
+  option(command, "--variant", options.variant, "Variant of the experiment (default: the first with limits)");
+  option(command, "--plant", options.plant, "Fidelity of the simulation", one_of({"ideal", "realistic"}),
+         shown);
+  option(command, "--excitation", options.excitations,
+         "Scene files of excitations, one for all arms or one per arm (default: those in the project)");
+  option(command, "--family", options.family,
+         "Friction family, see identify (default: the best in cross-validation)");
+  option(command, "--out", arguments->out, "Folder in which a new folder is created", shown);
   command->add_flag("--no-page", arguments->no_page, "Make no page, only refine.json and the logs");
   command->add_flag("--json", arguments->json, "Print refine.json to standard output");
   program.on(command, [arguments] { return run(*arguments); });

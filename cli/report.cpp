@@ -4,8 +4,8 @@
 
 #include <fmt/format.h>
 
-#include "cli/cockpit_arguments.hpp"
 #include "cli/program.hpp"
+#include "cli/run_arguments.hpp"
 #include "logs/recorder.hpp"
 #include "report/report.hpp"
 #include "runtime/faulty.hpp"
@@ -103,11 +103,8 @@ void add_report(Program& program) {
                   "  multipanda report runs/20260102_120000_two_arms   of this run\n"
                   "  multipanda report measured.npz                    of another program's recording\n"
                   "  multipanda report runs --cockpit                  shows it, as multipanda cockpit does");
-  command
-      ->add_option("directory", arguments->directory,
-                   "Log, folder of a run, or of several runs, of which the newest is used")
-      ->required()
-      ->type_name("DIR");
+  option(command, "directory", arguments->directory,
+         "Log, folder of a run, or of several runs, of which the newest is used", required, named("DIR"));
   add_cockpit_arguments(
       command, arguments->cockpit,
       "Show the log in a browser on this computer instead, until Ctrl-C, as multipanda cockpit "

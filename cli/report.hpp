@@ -2,7 +2,7 @@
 
 #include <filesystem>
 
-#include "cli/console.hpp"
+#include "cli/program.hpp"
 #include "runtime/summary.hpp"
 
 namespace multipanda::cli {

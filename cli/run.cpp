@@ -2,11 +2,10 @@
 
 #include <fmt/format.h>
 
-#include "cli/backend_arguments.hpp"
-#include "cli/cockpit_arguments.hpp"
 #include "cli/program.hpp"
 #include "cli/reduced_run.hpp"
 #include "cli/report.hpp"
+#include "cli/run_arguments.hpp"
 #include "cli/run_session.hpp"
 #include "report/page_script.hpp"
 #include "runtime/live_input/socket_path.hpp"
@@ -158,27 +157,19 @@ void add_run(Program& program) {
       "Fails (exit code 1) if a controllet was deactivated by the safety stage, a switch was refused or the "
       "log\n"
       "is incomplete.");
-  command->add_option("scene", options->scene, "Name (see multipanda list scenes) or path of a scene file")
-      ->required();
-  command
-      ->add_option("--seconds", options->seconds, "Duration of the run [s] (default: the scene's duration_s)")
-      ->check(CLI::Range(0.001, 1e6));
-  command
-      ->add_option("--plugin", options->additions.plugins,
-                   "Library with controllets, in addition to those that the scene names; may be repeated")
-      ->type_name("FILE");
-  command
-      ->add_option("--controllet", options->additions.controllets,
-                   "Controllet in addition to those of the scene, as in a scene file: "
-                   "'{name: soft, type: my_law, arms: arm}'; may be repeated")
-      ->type_name("YAML");
-  command
-      ->add_option(
-          "--set", options->settings,
-          "Another value of the scene: 'controllets.cartesian.inputs.pose.timeout_s=0.5'; may be repeated")
-      ->type_name("KEY=VALUE")
-      ->expected(1)
-      ->take_all();
+  scene_option(command, options->scene);
+  option(command, "--seconds", options->seconds, "Duration of the run [s] (default: the scene's duration_s)",
+         within(0.001, 1e6));
+  option(command, "--plugin", options->additions.plugins,
+         "Library with controllets, in addition to those that the scene names; may be repeated",
+         named("FILE"));
+  option(command, "--controllet", options->additions.controllets,
+         "Controllet in addition to those of the scene, as in a scene file: "
+         "'{name: soft, type: my_law, arms: arm}'; may be repeated",
+         named("YAML"));
+  option(command, "--set", options->settings,
+         "Another value of the scene: 'controllets.cartesian.inputs.pose.timeout_s=0.5'; may be repeated",
+         named("KEY=VALUE"), expecting(1), repeated);
   command->add_flag("--no-timeline", options->no_timeline,
                     "Ignore the scene's timeline and duration_s: run until Ctrl-C, for multipanda ctl");
   CLI::Option* reduced = command->add_flag(
@@ -189,45 +180,32 @@ void add_run(Program& program) {
                  "Use the scene's own bounds, even in its first run on physical arms")
       ->excludes(reduced);
   command->add_flag("--fast", options->fast, "Run as fast as possible instead of in real time");
-  command->add_option("--record", options->record, "Record the log into a new folder inside DIR")
-      ->type_name("DIR");
-  command
-      ->add_option("--log-every", options->log_every,
-                   "How often the log has state, command, wrench, references, outputs, timing, model or all: "
-                   "every Nth cycle, 0: never (default 1, model 10). Events and switches are always complete")
-      ->type_name("GROUP=N")
-      ->take_all();
+  option(command, "--record", options->record, "Record the log into a new folder inside DIR", named("DIR"));
+  option(command, "--log-every", options->log_every,
+         "How often the log has state, command, wrench, references, outputs, timing, model or all: "
+         "every Nth cycle, 0: never (default 1, model 10). Events and switches are always complete",
+         named("GROUP=N"), repeated);
   command->add_flag("--report", options->report, "Make the report afterwards (needs --record)");
-  command->add_flag("--json", options->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
-  command->add_option("--cpu", options->cpu, "Core to which the loop's thread is pinned (default: none)")
-      ->check(CLI::Range(0, 1023));
+  json_flag(command, options->json);
+  option(command, "--cpu", options->cpu, "Core to which the loop's thread is pinned (default: none)",
+         within(0, 1023));
   add_backend_arguments(command, options->backend);
-  command
-      ->add_option("--socket", options->socket,
-                   "Path of the live-input socket (default: the scene's name in the user's runtime folder; "
-                   "with --fast none)")
-      ->type_name("PATH");
+  option(command, "--socket", options->socket,
+         "Path of the live-input socket (default: the scene's name in the user's runtime folder; "
+         "with --fast none)",
+         named("PATH"));
   add_cockpit_arguments(command, options->cockpit);
   command->add_flag(
       "--until-input-ends", options->until_input_ends,
       "End the run in hold when standard input closes, as when the program that started it has ended");
   command->add_flag("--ros", options->ros,
                     "Offer topics, services, actions and parameters of ROS 2 (docs/ros_interfaces.md)");
-  command
-      ->add_option("--ros-node", options->ros_arguments.node,
-                   "Name of the ROS node (default: the scene's, or multipanda)")
-      ->type_name("NAME");
-  command
-      ->add_option("--ros-namespace", options->ros_arguments.name_space,
-                   "Namespace of the ROS node (default: the scene's, or /)")
-      ->type_name("/NAME");
-  command
-      ->add_option("--ros-remap", options->ros_arguments.remaps,
-                   "Rename a ROS interface; may be given several times")
-      ->type_name("FROM:=TO")
-      ->expected(1)
-      ->take_all();
+  option(command, "--ros-node", options->ros_arguments.node,
+         "Name of the ROS node (default: the scene's, or multipanda)", named("NAME"));
+  option(command, "--ros-namespace", options->ros_arguments.name_space,
+         "Namespace of the ROS node (default: the scene's, or /)", named("/NAME"));
+  option(command, "--ros-remap", options->ros_arguments.remaps,
+         "Rename a ROS interface; may be given several times", named("FROM:=TO"), expecting(1), repeated);
   program.on(command, [options] { return run(*options); });
 }
 

@@ -6,7 +6,7 @@
 #include <string>
 #include <thread>
 
-#include "cli/console.hpp"
+#include "cli/program.hpp"
 #include "common/process.hpp"
 #include "runtime/session.hpp"
 

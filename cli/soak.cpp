@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 
-#include "cli/console.hpp"
 #include "cli/program.hpp"
 #include "logs/recorder.hpp"
 #include "report/page_script.hpp"
@@ -60,19 +59,15 @@ void add_soak(Program& program) {
       "soak", "Run a scene for hours of simulated time under faults, checking invariants in every cycle",
       "  multipanda soak four_arms --hours 2\n"
       "  multipanda soak two_arms --hours 0.1 --seed 7 --fault-every 0.5");
-  command->add_option("scene", arguments->scene, "Name (see multipanda list scenes) or path of a scene file")
-      ->required();
-  command->add_option("--hours", arguments->hours, "Simulated time [h]; each arm counts it once")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
-  command->add_option("--seed", arguments->options.seed, "Seed of all faults, clocks and delays")
-      ->capture_default_str();
-  command->add_option("--fault-every", arguments->options.mean_interval_s, "Mean time between two faults [s]")
-      ->check(CLI::PositiveNumber)
-      ->capture_default_str();
+  scene_option(command, arguments->scene);
+  option(command, "--hours", arguments->hours, "Simulated time [h]; each arm counts it once", positive,
+         shown);
+  option(command, "--seed", arguments->options.seed, "Seed of all faults, clocks and delays", shown);
+  option(command, "--fault-every", arguments->options.mean_interval_s, "Mean time between two faults [s]",
+         positive, shown);
   command->add_flag("--bare-joints", arguments->options.bare_joints,
                     "Assume no motor inertia (0.1 kg m^2 per joint) where an arm's model states none");
-  command->add_option("--out", arguments->out, "Folder for the run's folder")->capture_default_str();
+  option(command, "--out", arguments->out, "Folder for the run's folder", shown);
   command->add_flag("--no-page", arguments->no_page, "Write soak.json only");
   program.on(command, [arguments] { return run(*arguments); });
 }

@@ -94,27 +94,20 @@ void add_study(Program& program) {
       "  multipanda study stiffness.yaml --executor dask:10.0.0.5:8786\n"
       "  multipanda study stiffness.yaml --executor slurm --workers 16\n"
       "Runs that are done are skipped. Fails (exit code 1) if a run has no result.");
-  command->add_option("file", arguments->file, "Study file (docs/studies.md)")->type_name("FILE");
-  command->add_option("--out", arguments->out, "Folder of the results (default: runs/study_NAME)")
-      ->type_name("DIR");
-  command->add_option("--executor", arguments->executor, "local, dask:ADDRESS of a scheduler, or slurm")
-      ->capture_default_str();
-  command
-      ->add_option("--workers", arguments->workers,
-                   "Runs at once (default: one per core; dask: one per thread of its workers; slurm: 4 jobs)")
-      ->check(CLI::Range(1, 100000));
-  command
-      ->add_option("--batch", arguments->batch,
-                   "Runs per batch (default: as many as take about 2 s; slurm: a quarter of "
-                   "a worker's share)")
-      ->check(CLI::Range(1, 1000000));
+  option(command, "file", arguments->file, "Study file (docs/studies.md)", named("FILE"));
+  option(command, "--out", arguments->out, "Folder of the results (default: runs/study_NAME)", named("DIR"));
+  option(command, "--executor", arguments->executor, "local, dask:ADDRESS of a scheduler, or slurm", shown);
+  option(command, "--workers", arguments->workers,
+         "Runs at once (default: one per core; dask: one per thread of its workers; slurm: 4 jobs)",
+         within(1, 100000));
+  option(command, "--batch", arguments->batch,
+         "Runs per batch (default: as many as take about 2 s; slurm: a quarter of a worker's share)",
+         within(1, 1000000));
   command->add_flag("--any-machine", arguments->any_machine,
                     "Accept results of different processors and libraries, which differ in the last bits");
   command->add_flag("--no-page", arguments->no_page, "Make no page, only table.csv");
-  command->add_flag("--json", arguments->json,
-                    "Print one JSON object to standard output at the end, messages to standard error");
-  command->add_option("--page", arguments->page, "Make the page of a folder of results again")
-      ->type_name("DIR");
+  json_flag(command, arguments->json);
+  option(command, "--page", arguments->page, "Make the page of a folder of results again", named("DIR"));
   command->add_flag("--plan", arguments->plan, "Print the checked file as JSON, and run nothing");
   command->add_flag("--worker", arguments->worker,
                     "Read runs from standard input, one per line; for programs");

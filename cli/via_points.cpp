@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 
 #include "cli/channel_arguments.hpp"
-#include "cli/console.hpp"
+#include "cli/program.hpp"
 #include "common/process.hpp"
 #include "motion_generators/via_points/via_plan.hpp"
 
@@ -82,18 +82,14 @@ void add_via_points(Program& program) {
       "  multipanda run two_arms &\n"
       "  multipanda via-points wave --scale 0.5\n"
       "  multipanda run two_arms --ros & multipanda via-points my/file.yaml --ros");
-  command->add_option("file", options->file, "Name (config/via_points) or path of a file of via points")
-      ->required();
+  option(command, "file", options->file, "Name (config/via_points) or path of a file of via points",
+         required);
   add_channel_arguments(command, options->channel);
-  command
-      ->add_option("--scale", options->scale,
-                   "Fraction of the file's limits, above 0 and at most 1 (default 1)")
-      ->check(CLI::Range(1e-3, 1.0));
-  command
-      ->add_option("--seconds", options->seconds,
-                   "Brake and end after this time [s] (default: at the last point)")
-      ->check(CLI::PositiveNumber);
-  command->add_flag("--json", options->json, "Print one JSON object to standard output at the end");
+  option(command, "--scale", options->scale,
+         "Fraction of the file's limits, above 0 and at most 1 (default 1)", within(1e-3, 1.0));
+  option(command, "--seconds", options->seconds,
+         "Brake and end after this time [s] (default: at the last point)", positive);
+  json_flag(command, options->json);
   program.on(command, [options] { return run(*options); });
 }
 

@@ -1,6 +1,5 @@
 #include <atomic>
 #include <cerrno>
-#include <limits>
 #include <poll.h>
 #include <string>
 #include <sys/eventfd.h>
@@ -9,10 +8,9 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
-#include "cli/cockpit_arguments.hpp"
 #include "cli/cockpit_link.hpp"
-#include "cli/console.hpp"
 #include "cli/program.hpp"
+#include "cli/run_arguments.hpp"
 #include "common/process.hpp"
 #include "common/text.hpp"
 #include "fci/server/virtual_arms.hpp"
@@ -48,19 +46,16 @@ struct VirtualArmArguments {
 // The arm and the text of an argument `--OPTION ARM=TEXT`.
 std::pair<std::size_t, std::string> of_arm(const char* option, const char* what, const std::string& argument,
                                            const Scene& scene) {
-  std::vector<std::string> names;
-  for (const auto& arm : scene.arms) names.push_back(arm.name);
-  const std::size_t equals = argument.find('=');
-  if (equals == std::string::npos || equals == 0 || equals + 1 == argument.size()) {
+  const std::vector<std::string> names = names_in(scene.arms);
+  const auto pair = key_and_value(argument);
+  if (!pair)
     throw UsageError(fmt::format("virtual-arm: expected {} ARM={}, found '{}'", option, what, argument));
-  }
-  const std::string name = argument.substr(0, equals);
+  const auto& [name, text] = *pair;
   const auto found = std::find(names.begin(), names.end(), name);
-  if (found == names.end()) {
+  if (found == names.end())
     throw UsageError(
         fmt::format("virtual-arm: the scene has no arm '{}'{}", name, name_hint(name, names, "it has none")));
-  }
-  return {static_cast<std::size_t>(found - names.begin()), argument.substr(equals + 1)};
+  return {static_cast<std::size_t>(found - names.begin()), text};
 }
 
 // --phase-us ARM=NUMBER, --drift-ppm ARM=NUMBER
@@ -69,16 +64,10 @@ std::vector<fci::ClockOffset> clocks_of(const VirtualArmArguments& arguments, co
   std::vector<fci::ClockOffset> clocks(scene.arms.size());
   const auto number = [&](const char* option, const std::string& argument, double low, double high) {
     const auto [arm, text] = of_arm(option, "NUMBER", argument, scene);
-    std::size_t used = 0;
-    double value = std::numeric_limits<double>::quiet_NaN();
-    try {
-      value = std::stod(text, &used);
-    } catch (const std::exception&) {
-    }
-    if (used != text.size() || !(value >= low && value <= high)) {
+    double value = 0;
+    if (!read_number(text, value) || !(value >= low && value <= high))
       throw UsageError(fmt::format("virtual-arm: {}: expected a number from {} to {}, found '{}'", option,
                                    low, high, text));
-    }
     return std::pair{arm, value};
   };
   for (const auto& argument : arguments.phase_us) {
@@ -301,90 +290,56 @@ void add_virtual_arm(Program& program) {
       "programs\n"
       "  multipanda virtual-arm two_arms --bind left=127.0.0.5 --bind right=127.0.0.6\n"
       "  multipanda virtual-arm one_arm --latency-us 200 --loss 0.02 --seed 7");
-  command->add_option("scene", arguments->scene, "Name (see multipanda list scenes) or path of a scene file")
-      ->required();
-  command
-      ->add_option("--bind", arguments->bind,
-                   "Address of an arm (default 127.0.0.1 for the first, 127.0.0.2 for the second, ...)")
-      ->type_name("ARM=ADDRESS");
-  command
-      ->add_option(
-          "--protocol", arguments->protocol,
-          "Version of the control interface that an arm accepts, 4 to 10, or any (default: that of its "
-          "key fci; otherwise a Panda 4 and 5, a Franka Research 3 6 to 10)")
-      ->type_name("ARM=VERSION");
-  command
-      ->add_option("--pace", arguments->pace,
-                   "realtime, or lockstep: the world waits for the programs' commands")
-      ->check(CLI::IsMember({"realtime", "lockstep"}))
-      ->capture_default_str();
-  command
-      ->add_option("--ports", arguments->ports,
-                   "Ports of arm, gripper and vacuum gripper; libfranka uses only 1337 1338 1339, "
-                   "0 chooses a free port")
-      ->expected(3)
-      ->check(CLI::Range(0, 65535))
-      ->type_name("PORT");
-  command
-      ->add_option("--latency-us", arguments->latency_us,
-                   "Delay of datagrams in each direction [us] (default 0)")
-      ->check(CLI::Range(0.0, 1e7));
-  command
-      ->add_option("--jitter-us", arguments->jitter_us,
-                   "Largest additional delay, uniformly distributed [us] (default 0)")
-      ->check(CLI::Range(0.0, 1e7));
-  command
-      ->add_option("--loss", arguments->faults.loss,
-                   "Fraction of datagrams that are lost, in each direction (default 0)")
-      ->check(CLI::Range(0.0, 1.0));
-  command
-      ->add_option("--duplicate", arguments->faults.duplicate,
-                   "Fraction of datagrams that arrive twice (default 0)")
-      ->check(CLI::Range(0.0, 1.0));
-  command
-      ->add_option("--reorder", arguments->faults.reorder,
-                   "Fraction of datagrams that are overtaken by the next one (default 0)")
-      ->check(CLI::Range(0.0, 1.0));
+  scene_option(command, arguments->scene);
+  option(command, "--bind", arguments->bind,
+         "Address of an arm (default 127.0.0.1 for the first, 127.0.0.2 for the second, ...)",
+         named("ARM=ADDRESS"));
+  option(command, "--protocol", arguments->protocol,
+         "Version of the control interface that an arm accepts, 4 to 10, or any (default: that of its "
+         "key fci; otherwise a Panda 4 and 5, a Franka Research 3 6 to 10)",
+         named("ARM=VERSION"));
+  option(command, "--pace", arguments->pace,
+         "realtime, or lockstep: the world waits for the programs' commands",
+         one_of({"realtime", "lockstep"}), shown);
+  option(command, "--ports", arguments->ports,
+         "Ports of arm, gripper and vacuum gripper; libfranka uses only 1337 1338 1339, "
+         "0 chooses a free port",
+         expecting(3), within(0, 65535), named("PORT"));
+  option(command, "--latency-us", arguments->latency_us,
+         "Delay of datagrams in each direction [us] (default 0)", within(0.0, 1e7));
+  option(command, "--jitter-us", arguments->jitter_us,
+         "Largest additional delay, uniformly distributed [us] (default 0)", within(0.0, 1e7));
+  option(command, "--loss", arguments->faults.loss,
+         "Fraction of datagrams that are lost, in each direction (default 0)", within(0.0, 1.0));
+  option(command, "--duplicate", arguments->faults.duplicate,
+         "Fraction of datagrams that arrive twice (default 0)", within(0.0, 1.0));
+  option(command, "--reorder", arguments->faults.reorder,
+         "Fraction of datagrams that are overtaken by the next one (default 0)", within(0.0, 1.0));
   command->add_flag("--strict", arguments->strict,
                     "Drop answers that are late, as a real arm does; without it some lateness is tolerated");
   command->add_flag("--scene-model", arguments->scene_model,
                     "Let a Panda send the scene's model as its library, not that of a real Panda");
-  command
-      ->add_option("--phase-us", arguments->phase_us,
-                   "Delay from the world's steps to an arm's states [us], 0 to 1000")
-      ->type_name("ARM=NUMBER");
-  command
-      ->add_option("--drift-ppm", arguments->drift_ppm,
-                   "Rate of an arm's clock relative to this computer's [ppm]; negative: slower")
-      ->type_name("ARM=NUMBER");
-  command->add_option("--seed", arguments->seed, "Random seed of the injected faults (default 1)");
-  command
-      ->add_option("--hidden", arguments->hidden,
-                   "Draw the true parameters of the arms around their models (masses, payload, friction, "
-                   "delay, tool) with "
-                   "this seed and keep them hidden, for trials of identify and refine")
-      ->type_name("SEED");
-  command
-      ->add_option(
-          "--rotor-hidden", arguments->rotor_hidden,
-          "How much of the rotors' inertia the arms' torque loops hide, 0 to 1 (default: the scene's "
-          "plant.rotor_inertia_hidden, otherwise 0)")
-      ->check(CLI::Range(0.0, 1.0))
-      ->type_name("SHARE");
-  command
-      ->add_option("--transmission-stiffness", arguments->transmission_stiffness,
-                   "Elastic joints, measured at their motors [N m/rad], in place of the scene's "
-                   "plant.transmission_stiffness_nm_per_rad")
-      ->check(CLI::Range(5e3, 1e6))
-      ->type_name("NUMBER");
-  command
-      ->add_option("--gear-ripple", arguments->gear_ripple,
-                   "Amplitude of the joints' torque ripple [N m], in place of the scene's "
-                   "plant.gear_ripple_nm")
-      ->check(CLI::Range(0.0, 2.0))
-      ->type_name("NUMBER");
-  command->add_option("--seconds", arguments->seconds, "End after this time [s] (default: at Ctrl-C)")
-      ->check(CLI::PositiveNumber);
+  option(command, "--phase-us", arguments->phase_us,
+         "Delay from the world's steps to an arm's states [us], 0 to 1000", named("ARM=NUMBER"));
+  option(command, "--drift-ppm", arguments->drift_ppm,
+         "Rate of an arm's clock relative to this computer's [ppm]; negative: slower", named("ARM=NUMBER"));
+  option(command, "--seed", arguments->seed, "Random seed of the injected faults (default 1)");
+  option(command, "--hidden", arguments->hidden,
+         "Draw the true parameters of the arms around their models (masses, payload, friction, delay, tool) "
+         "with this seed and keep them hidden, for trials of identify and refine",
+         named("SEED"));
+  option(command, "--rotor-hidden", arguments->rotor_hidden,
+         "How much of the rotors' inertia the arms' torque loops hide, 0 to 1 (default: the scene's "
+         "plant.rotor_inertia_hidden, otherwise 0)",
+         within(0.0, 1.0), named("SHARE"));
+  option(command, "--transmission-stiffness", arguments->transmission_stiffness,
+         "Elastic joints, measured at their motors [N m/rad], in place of the scene's "
+         "plant.transmission_stiffness_nm_per_rad",
+         within(5e3, 1e6), named("NUMBER"));
+  option(command, "--gear-ripple", arguments->gear_ripple,
+         "Amplitude of the joints' torque ripple [N m], in place of the scene's plant.gear_ripple_nm",
+         within(0.0, 2.0), named("NUMBER"));
+  option(command, "--seconds", arguments->seconds, "End after this time [s] (default: at Ctrl-C)", positive);
   command->add_flag("--no-gripper", arguments->no_gripper, "Keep hands closed and offer no gripper ports");
   command->add_flag("--real-time", arguments->real_time_thread,
                     "Request real-time scheduling for the loop's thread (with --pace realtime)");

@@ -207,6 +207,16 @@ ArmSample ArmsRun::newest(ArmIndex arm) const {
   return newest_[arm];
 }
 
+JointVector ArmsRun::q(ArmIndex arm, const ArmSample& sample) const {
+  return Eigen::Map<const Eigen::VectorXd>(sample.q.data(), static_cast<Eigen::Index>(joint_count(arm)));
+}
+
+double ArmsRun::fastest_joint(ArmIndex arm, const ArmSample& sample) const {
+  return Eigen::Map<const Eigen::VectorXd>(sample.dq.data(), static_cast<Eigen::Index>(joint_count(arm)))
+      .cwiseAbs()
+      .maxCoeff();
+}
+
 ModelTerms ArmsRun::terms(ArmIndex arm) const {
   ModelTerms terms(session_->models()[arm]);
   const ArmConfig config = arm_config(scene().arms[arm]);

@@ -60,6 +60,8 @@ class ArmsRun {
   std::size_t joint_count(ArmIndex arm) const { return session_->layout().arms[arm].joint_count; }
   ModelTerms terms(ArmIndex arm) const;  // the controllers' model with frames, tool and load of the scene
   ArmSample newest(ArmIndex arm) const;
+  JointVector q(ArmIndex arm, const ArmSample& sample) const;         // (n x 1) [rad]
+  double fastest_joint(ArmIndex arm, const ArmSample& sample) const;  // [rad/s]
 
   // Records every `every`th cycle for `seconds` of the loop's time, or until `enough`. Throws ArmLeft.
   Track watch(double seconds, unsigned every = 1, const std::function<bool(const Track&)>& enough = {});

@@ -96,7 +96,7 @@ JointMotionFigures measure_joint_motion(ArmsRun& run, ArmIndex arm) {
     Track out = run.watch(way_s + kSettle_s, kEvery);
     run.joint_goal(arm, q0, way_s);
     const Track back = run.watch(way_s + kSettle_s, kEvery);
-    const JointVector reached = joints_of(out.arms[arm].back(), &ArmSample::q, n);
+    const JointVector reached = run.q(arm, out.arms[arm].back());
     figures.error_rad[i] = std::abs(goal[i] - reached[i]);
     figures.moved_rad[i] = direction * (reached[i] - q0[i]);
     figures.friction_nm[i] = friction_from(out, back, arm, j, direction);
@@ -136,14 +136,14 @@ CartesianFigures measure_cartesian_motion(ArmsRun& run, ArmIndex arm) {
       run.pose_goal(arm, goal, way_s);
       const Track track = run.watch(way_s + kSettle_s, kEvery);
       for (std::size_t k = 0; k < track.t.size(); k += 5) {
-        const Vector3 p = pose(joints_of(track.arms[arm][k], &ArmSample::q, n)).position - X_start.position;
+        const Vector3 p = pose(run.q(arm, track.arms[arm][k])).position - X_start.position;
         figures.curves["t"].push_back(begin + track.t[k]);
         figures.curves["x"].push_back(p.x());
         figures.curves["y"].push_back(p.y());
         figures.curves["z"].push_back(p.z());
       }
       begin += track.t.back();
-      const Vector6 off = pose_error(goal, pose(joints_of(track.arms[arm].back(), &ArmSample::q, n)));
+      const Vector6 off = pose_error(goal, pose(run.q(arm, track.arms[arm].back())));
       figures.error_m = std::max(figures.error_m, off.head<3>().norm());
       figures.error_rad = std::max(figures.error_rad, off.tail<3>().norm());
     }
@@ -226,7 +226,7 @@ DelayFigures measure_delay(ArmsRun& run, ArmIndex arm) {
     if (away) throw ArmLeft(fmt::format("joint 4 swung further than {:.3f} rad", 4 * kWiggle_rad));
     std::vector<double> sent, shown;
     for (const auto& sample : track.arms[arm]) {
-      terms.update(joints_of(sample, &ArmSample::q, n), still);
+      terms.update(run.q(arm, sample), still);
       sent.push_back(sample.tau_cmd[kJoint]);
       shown.push_back(sample.tau_J[kJoint] - terms.g()[static_cast<Eigen::Index>(kJoint)]);
     }

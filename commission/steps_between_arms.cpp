@@ -24,16 +24,13 @@ Vector3 tip_of(ModelTerms& terms, const JointVector& q) {
 // Waits until the guided arm rests at a place that `fits` (tip in the world).
 bool wait_for_rest(Context& context, ArmIndex arm, const std::function<bool(const Vector3&)>& fits = {}) {
   ArmsRun& run = *context.run;
-  const std::size_t n = run.joint_count(arm);
   ModelTerms terms = run.terms(arm);
   int still = 0;
   constexpr int kStill = 30;  // samples of 10 cycles
   (void)run.watch(kGuideWait_s, 10, [&](const Track& track) {
     const ArmSample& now = track.arms[arm].back();
-    double fastest = 0;
-    for (std::size_t j = 0; j < n; ++j) fastest = std::max(fastest, std::abs(now.dq[j]));
-    const Eigen::Map<const Eigen::VectorXd> q(now.q.data(), static_cast<Eigen::Index>(n));
-    still = fastest < kStillSpeed && (!fits || fits(tip_of(terms, q))) ? still + 1 : 0;
+    const bool rests = run.fastest_joint(arm, now) < kStillSpeed;
+    still = rests && (!fits || fits(tip_of(terms, run.q(arm, now)))) ? still + 1 : 0;
     return still >= kStill;
   });
   return still >= kStill;
@@ -49,17 +46,14 @@ Vector3 tip_in_base(Context& context, ArmIndex arm) {
     throw ArmLeft(
         fmt::format("arm '{}' did not rest on the point within {:g} s", context.arm(arm).name, kGuideWait_s));
   ModelTerms terms = run.terms(arm);
-  const std::size_t n = run.joint_count(arm);
   const Track track = run.watch(0.2);
-  const auto q_at = [&](const ArmSample& sample) {
-    return JointVector(Eigen::Map<const Eigen::VectorXd>(sample.q.data(), static_cast<Eigen::Index>(n)));
-  };
-  const double crept = (q_at(track.arms[arm].back()) - q_at(track.arms[arm].front())).cwiseAbs().maxCoeff();
+  const auto& [first, last] = std::pair(track.arms[arm].front(), track.arms[arm].back());
+  const double crept = (run.q(arm, last) - run.q(arm, first)).cwiseAbs().maxCoeff();
   if (crept > kCreep_rad)
     throw ArmLeft(
         fmt::format("arm '{}' was not still on the point: a joint turned by {:.4f} rad within 0.2 s",
                     context.arm(arm).name, crept));
-  const JointVector q = track.mean(arm, &ArmSample::q, n);
+  const JointVector q = track.mean(arm, &ArmSample::q, run.joint_count(arm));
   return context.arm(arm).X_WB.inverse() * tip_of(terms, q);
 }
 

@@ -18,16 +18,6 @@ Vector3 flange_of(ModelTerms& terms, const JointVector& q) {
   return terms.X_WF().position;
 }
 
-JointVector joints_of(const ArmsRun& run, ArmIndex arm, const ArmSample& sample) {
-  return Eigen::Map<const Eigen::VectorXd>(sample.q.data(), static_cast<Eigen::Index>(run.joint_count(arm)));
-}
-
-double fastest(const ArmsRun& run, ArmIndex arm, const ArmSample& sample) {
-  double most = 0;
-  for (std::size_t j = 0; j < run.joint_count(arm); ++j) most = std::max(most, std::abs(sample.dq[j]));
-  return most;
-}
-
 // Both checks at once, so that a drifting arm is detected early.
 StepResult run_hold(Context& context) {
   StepResult result;
@@ -39,19 +29,18 @@ StepResult run_hold(Context& context) {
   run.start();
   const Track track = run.watch(kWatched_s, 1, [&](const Track& seen) {
     for (ArmIndex i = 0; i < context.arm_count(); ++i) {
-      const JointVector way =
-          joints_of(run, i, seen.arms[i].back()) - joints_of(run, i, seen.arms[i].front());
+      const JointVector way = run.q(i, seen.arms[i].back()) - run.q(i, seen.arms[i].front());
       if (way.lpNorm<Eigen::Infinity>() > kHoldDrift_rad) return true;
     }
     return false;
   });
   for (ArmIndex i = 0; i < context.arm_count(); ++i) {
     ModelTerms terms = run.terms(i);
-    const JointVector q0 = joints_of(run, i, track.arms[i].front());
+    const JointVector q0 = run.q(i, track.arms[i].front());
     const Vector3 p0 = flange_of(terms, q0);
     double away = 0, turned = 0;
     for (std::size_t k = 0; k < track.t.size(); ++k) {
-      const JointVector q = joints_of(run, i, track.arms[i][k]);
+      const JointVector q = run.q(i, track.arms[i][k]);
       turned = std::max(turned, (q - q0).lpNorm<Eigen::Infinity>());
       away = std::max(away, (flange_of(terms, q) - p0).norm());
     }
@@ -82,10 +71,8 @@ bool wait_for_mode(Context& context, ArmIndex arm, ArmMode mode, bool is, bool* 
 
 // Before any motion: the person's user stop must stop the intended arm.
 StepResult run_button(Context& context) {
-  StepResult result;
   ArmsRun& run = *context.run;
-  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
-    const std::string& name = context.arm(i).name;
+  return each_arm(context, [&](ArmIndex i, const std::string& name, StepResult& result) {
     context.person.ready(
         "button." + name,
         fmt::format(
@@ -100,20 +87,20 @@ StepResult run_button(Context& context) {
         result.fail(fmt::format("arm '{}' stopped itself: {}", name, error_names(run.newest(i).errors)),
                     "the mode 'user stopped' of this arm, and no error",
                     "see docs/errors.md for the cause; free the arm, then resume the tour");
-        break;
+        return;
       }
       result.fail(
           fmt::format("the user stop of arm '{}' was not detected within {:g} s", name, kButtonWait_s),
           "the mode 'user stopped' of this arm",
           "check that the button belongs to this arm; do not continue without a working user stop");
-      break;
+      return;
     }
     context.say("  detected; now release it");
     if (!wait_for_mode(context, i, ArmMode::user_stopped, false)) {
       result.fail(
           fmt::format("the user stop of arm '{}' was not released within {:g} s", name, kButtonWait_s),
           "the button released", "release it, then resume the tour");
-      break;
+      return;
     }
     const std::string errors = error_names(run.newest(i).errors);
     if (!errors.empty())
@@ -125,34 +112,29 @@ StepResult run_button(Context& context) {
     if (const std::string now = error_names(run.newest(i).errors); now != errors) {
       result.fail(fmt::format("arm '{}' stopped itself before the key was pressed: {}", name, now),
                   "only errors that the question named", "free the arm, then resume the tour");
-      break;
+      return;
     }
     const RequestAnswer answer = run.request(i, RecoverFromError{});
     if (!answer.success) {
       result.fail(fmt::format("arm '{}' did not recover: {}", name, answer.reason), "hold again",
                   "remove the cause, then resume the tour");
-      break;
+      return;
     }
     if (!wait_for_mode(context, i, ArmMode::move, true)) {
       result.fail(fmt::format("arm '{}' did not begin to hold within {:g} s", name, kButtonWait_s),
                   "hold again", "remove the cause, then resume the tour");
-      break;
+      return;
     }
     run.excuse({});
     const auto away = [&](const ArmSample& now) {
-      double most = 0;
-      for (std::size_t j = 0; j < run.joint_count(i); ++j)
-        most = std::max(most, std::abs(now.q[j] - before.q[j]));
-      return most;
+      return (run.q(i, now) - run.q(i, before)).lpNorm<Eigen::Infinity>();
     };
     // A sinking arm is stopped at once: the no-go below halts it.
     (void)run.watch(1, 1, [&](const Track& track) { return away(track.arms[i].back()) > kHoldDrift_rad; });
     const double moved = away(run.newest(i));
     result.at_most(name, "joint moved by stop and recovery", moved, "rad", kHoldDrift_rad,
                    "repeat the step on gravity: the arm sank or rose");
-    if (result.verdict == Verdict::no_go) break;
-  }
-  return result;
+  });
 }
 
 // Waits until a person has guided the flange and it rests again. Returns its displacement [m].
@@ -165,10 +147,10 @@ double wait_for_guiding(Context& context, ArmIndex arm, const JointVector& from,
   constexpr int kStill = 50;  // samples of 10 cycles
   (void)run.watch(kGuideWait_s, 10, [&](const Track& track) {
     const ArmSample& now = track.arms[arm].back();
-    const JointVector q = joints_of(run, arm, now);
+    const JointVector q = run.q(arm, now);
     led = (flange_of(terms, q) - p0).norm();
     const bool there = led > kGuided_m && (q - from).lpNorm<Eigen::Infinity>() > joints_apart;
-    still = there && fastest(run, arm, now) < kStillSpeed ? still + 1 : 0;
+    still = there && run.fastest_joint(arm, now) < kStillSpeed ? still + 1 : 0;
     return still >= kStill;
   });
   context.check_stopped();
@@ -176,25 +158,23 @@ double wait_for_guiding(Context& context, ArmIndex arm, const JointVector& from,
 }
 
 StepResult run_guiding(Context& context) {
-  StepResult result;
   ArmsRun& run = *context.run;
-  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
-    const std::string& name = context.arm(i).name;
+  return each_arm(context, [&](ArmIndex i, const std::string& name, StepResult& result) {
     context.person.ready(
         "guiding." + name,
         fmt::format("Take the hand of arm '{}'. After this key it compensates its weight and you can guide "
                     "it. Move it at least {:.0f} cm, hold it still for half a second, then let go.",
                     name, 100 * kGuided_m));
-    const JointVector from = joints_of(run, i, run.newest(i));
+    const JointVector from = run.q(i, run.newest(i));
     run.lead(i, Law::guide);
     const double led = wait_for_guiding(context, i, from, 0);
     ModelTerms terms = run.terms(i);
-    const Vector3 p0 = flange_of(terms, joints_of(run, i, run.newest(i)));
+    const Vector3 p0 = flange_of(terms, run.q(i, run.newest(i)));
     double drift = 0;
     if (led > 0) {
       context.say("  now let go, for two seconds");
       (void)run.watch(2, 10, [&](const Track& track) {
-        drift = (flange_of(terms, joints_of(run, i, track.arms[i].back())) - p0).norm();
+        drift = (flange_of(terms, run.q(i, track.arms[i].back())) - p0).norm();
         return drift > kGuideDrift_m;
       });
     }
@@ -205,18 +185,14 @@ StepResult run_guiding(Context& context) {
     result.at_most(name, "drift after release", 1e3 * drift, "mm", 1e3 * kGuideDrift_m,
                    "it sinks or rises: hand, tool and load in the scene or in the arm's settings differ from "
                    "the actual ones");
-    if (result.verdict == Verdict::no_go) break;
-  }
-  return result;
+  });
 }
 
 // Poses for the payload check, guided by hand: a single pose cannot separate mass and center.
 StepResult run_payload(Context& context) {
-  StepResult result;
   ArmsRun& run = *context.run;
   constexpr int kPoses = 3;
-  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
-    const std::string& name = context.arm(i).name;
+  return each_arm(context, [&](ArmIndex i, const std::string& name, StepResult& result) {
     std::vector<RestSample> samples;
     double external = 0;
     for (int pose = 1; pose <= kPoses; ++pose) {
@@ -233,7 +209,7 @@ StepResult run_payload(Context& context) {
         result.at_least(name, "guided to another pose", 100 * led, "cm", 100 * kGuided_m,
                         "guide the arm further, then keep it still",
                         fmt::format("within {:g} s", kGuideWait_s));
-        if (result.verdict == Verdict::no_go) return result;
+        if (result.verdict == Verdict::no_go) return;
         context.person.ready(fmt::format("payload.{}.{}.free", name, pose),
                              "Let go of the arm, then press the key.");
       }
@@ -252,8 +228,7 @@ StepResult run_payload(Context& context) {
     result.at_most(name, "external torque at rest, as estimated by the arm", external, "N m", kPayloadTorque,
                    remedy);
     result.show(name, "tilt of the base against the scene", 180 / M_PI * fit.tilt_rad, "degrees");
-  }
-  return result;
+  });
 }
 
 }  // namespace

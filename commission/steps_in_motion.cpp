@@ -20,9 +20,7 @@ void ready(Context& context, const std::string& step, ArmIndex arm, const std::s
 }
 
 StepResult run_joint_motion(Context& context) {
-  StepResult result;
-  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
-    const std::string& name = context.arm(i).name;
+  return each_arm(context, [&](ArmIndex i, const std::string& name, StepResult& result) {
     ready(context, "joint_motion", i,
           fmt::format("turns each joint in sequence by {:.1f} degrees and back, at {:.1f} degrees "
                       "per second at most; the hand moves up to {:.0f} cm. About {:.0f} s.",
@@ -42,15 +40,11 @@ StepResult run_joint_motion(Context& context) {
     result.at_most(name, "largest joint friction", figures.friction_nm.cwiseAbs().maxCoeff(), "N m",
                    kFriction_nm,
                    "let the arm warm up and repeat; if friction stays high, ask the manufacturer");
-    if (result.verdict == Verdict::no_go) break;
-  }
-  return result;
+  });
 }
 
 StepResult run_cartesian_motion(Context& context) {
-  StepResult result;
-  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
-    const std::string& name = context.arm(i).name;
+  return each_arm(context, [&](ArmIndex i, const std::string& name, StepResult& result) {
     ready(context, "cartesian_motion", i,
           fmt::format("moves its hand by {:.0f} cm up and back, then along x and back, then along y and back "
                       "(axes of the world), at {:.0f} cm/s at most. Watch the directions.",
@@ -71,16 +65,12 @@ StepResult run_cartesian_motion(Context& context) {
                   "the directions of the scene",
                   "correct the yaw of 'base: rpy_rad' in the scene; gravity cannot show it");
     }
-    if (result.verdict == Verdict::no_go) break;
-  }
-  return result;
+  });
 }
 
 StepResult run_stop(Context& context) {
-  StepResult result;
   ArmsRun& run = *context.run;
-  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
-    const std::string& name = context.arm(i).name;
+  return each_arm(context, [&](ArmIndex i, const std::string& name, StepResult& result) {
     ready(context, "stop", i,
           fmt::format("turns joint 1 by up to {:.1f} degrees, at {:.1f} degrees per second at most, and this "
                       "program stops it on the way.",
@@ -91,15 +81,11 @@ StepResult run_stop(Context& context) {
                    "do not continue: the program's stop is too slow");
     result.at_most(name, "angle turned after a stop", figures.angle_rad, "rad", kStopAngle_rad,
                    "do not continue: the program's stop is too slow");
-    if (result.verdict == Verdict::no_go) break;
-  }
-  return result;
+  });
 }
 
 StepResult run_delay(Context& context) {
-  StepResult result;
-  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
-    const std::string& name = context.arm(i).name;
+  return each_arm(context, [&](ArmIndex i, const std::string& name, StepResult& result) {
     ready(context, "delay", i,
           fmt::format("swings joint 4 by {:.2f} degrees, {:.0f} times a second, for 2 s, then half as far "
                       "and twice as fast: the hand moves by about {:.0f} mm.",
@@ -119,28 +105,22 @@ StepResult run_delay(Context& context) {
       result.show(name, "mean computing time of an answer", 1e6 * connection->answer_delay_mean_s, "us");
       result.show(name, "states lost since the hold began", static_cast<double>(connection->lost), "");
     }
-    if (result.verdict == Verdict::no_go) break;
-  }
-  return result;
+  });
 }
 
 StepResult run_noise(Context& context) {
-  StepResult result;
-  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
-    const std::string& name = context.arm(i).name;
+  return each_arm(context, [&](ArmIndex i, const std::string& name, StepResult& result) {
     const auto figures = measure_noise(*context.run, i, 2);
     result.measured[name] = {{"noise_dq", list(figures.dq_rad_per_s)}, {"noise_tau", list(figures.tau_nm)}};
     result.at_most(name, "rms velocity noise, worst joint", figures.dq_rad_per_s.maxCoeff(), "rad/s",
                    kNoiseVelocity, "the arm vibrates in hold: look for a loose mounting or a soft table");
     result.at_most(name, "rms torque noise, worst joint", figures.tau_nm.maxCoeff(), "N m", kNoiseTorque,
                    "the arm vibrates in hold: look for a loose mounting or a soft table");
-  }
-  return result;
+  });
 }
 
 // Change of the estimated force when a known weight hangs at the hand: it pulls down, the arm pulls up.
 StepResult run_weight(Context& context) {
-  StepResult result;
   ArmsRun& run = *context.run;
   const auto mean_force = [&](ArmIndex arm) {
     (void)run.watch(1.5);  // lets the hold's spring settle
@@ -150,8 +130,7 @@ StepResult run_weight(Context& context) {
       sum += Vector3(sample.F_K_W_est[0], sample.F_K_W_est[1], sample.F_K_W_est[2]);
     return Vector3(sum / static_cast<double>(track.t.size()));
   };
-  for (ArmIndex i = 0; i < context.arm_count(); ++i) {
-    const std::string& name = context.arm(i).name;
+  return each_arm(context, [&](ArmIndex i, const std::string& name, StepResult& result) {
     const double kg =
         context.person.number("weight." + name,
                               fmt::format("Mass of the weight that you will hang at the hand of arm '{}' "
@@ -161,7 +140,7 @@ StepResult run_weight(Context& context) {
     if (kg < 0.2) {
       result.notes.push_back("arm '" + name + "': no weight; its forces were not checked");
       if (result.verdict == Verdict::go) result.verdict = Verdict::skipped;
-      continue;
+      return;
     }
     context.person.ready("weight." + name + ".without",
                          "Nothing at the hand, hands off; then press the key.");
@@ -182,9 +161,7 @@ StepResult run_weight(Context& context) {
                    "'identify'; do not use force control until then",
                    found);
     context.person.ready("weight." + name + ".off", "Take the weight off; then press the key.");
-    if (result.verdict == Verdict::no_go) break;
-  }
-  return result;
+  });
 }
 
 }  // namespace

@@ -43,6 +43,14 @@ void Context::check_stopped() const {
   if (stopped && stopped()) throw Person::Ended("stopped on request");
 }
 
+StepResult each_arm(Context& context,
+                    const std::function<void(ArmIndex, const std::string&, StepResult&)>& work) {
+  StepResult result;
+  for (ArmIndex i = 0; i < context.arm_count() && result.verdict != Verdict::no_go; ++i)
+    work(i, context.arm(i).name, result);
+  return result;
+}
+
 std::vector<Step> steps_of(const TourSetup& setup) {
   std::vector<Step> steps;
   add_steps_at_rest(steps, setup);

@@ -50,6 +50,10 @@ struct Step {
   std::function<StepResult(Context&)> run;
 };
 
+// A step's work for each arm in turn, until a no-go: `work` fills the result.
+StepResult each_arm(Context& context,
+                    const std::function<void(ArmIndex, const std::string& name, StepResult& result)>& work);
+
 // All steps for these arms, in order.
 std::vector<Step> steps_of(const TourSetup& setup);
 void add_steps_at_rest(std::vector<Step>& steps, const TourSetup& setup);

@@ -150,20 +150,18 @@ std::string arms_of_version(int version) {
 Finding judge_arm_version(const ArmStreamReading& reading, Purpose purpose) {
   Finding finding{.id = "arm_version:" + reading.address, .subject = fmt::format("arm {}", reading.address)};
   if (!reading.reason.empty()) {
-    finding.judged = Judgment::bad;
     finding.measured = "no connection to its control interface";
-    finding.cause = reading.reason;
-    finding.cure =
+    return finding.as(
+        Judgment::bad, reading.reason,
         purpose == Purpose::real_arms
             ? "switch on the arm, open its brakes and activate FCI on its web page; end other programs that "
               "are connected to it"
-            : "start the virtual arm: multipanda virtual-arm SCENE";
-    return finding;
+            : "start the virtual arm: multipanda virtual-arm SCENE");
   }
   finding.measured = fmt::format("protocol version {} ({}), this client supports 4 to 10; mode {}{}",
                                  reading.version, arms_of_version(reading.version), reading.mode,
                                  reading.errors.empty() ? "" : ": " + reading.errors);
-  finding.figures = {{"version", static_cast<double>(reading.version), ""}};
+  finding.figures = {{"version", reading.version, ""}};
   finding.judged = Judgment::ok;
   if (reading.mode != "idle" && reading.mode != "move") {
     finding.judged = Judgment::warning;
@@ -180,12 +178,11 @@ Finding judge_state_stream(const ArmStreamReading& reading, Purpose purpose) {
                   .subject = fmt::format("states of {}", reading.address)};
   if (!reading.reason.empty() || reading.gaps_us.empty()) {
     finding.measured = reading.reason.empty() ? "none received" : "not measured";
-    finding.judged = reading.reason.empty() ? Judgment::bad : Judgment::unknown;
-    finding.cause = reading.reason.empty()
-                        ? "the arm accepted the connection, but its packets (UDP) do not arrive"
-                        : "there is no connection to the arm";
-    finding.cure = reading.reason.empty() ? "allow UDP from the arm in the firewall of this computer" : "";
-    return finding;
+    return finding.as(
+        reading.reason.empty() ? Judgment::bad : Judgment::unknown,
+        reading.reason.empty() ? "the arm accepted the connection, but its packets (UDP) do not arrive"
+                               : "there is no connection to the arm",
+        reading.reason.empty() ? "allow UDP from the arm in the firewall of this computer" : "");
   }
   const Distribution gaps = distribution_of(reading.gaps_us);
   std::vector<double> off_us;
@@ -196,35 +193,30 @@ Finding judge_state_stream(const ArmStreamReading& reading, Purpose purpose) {
   const double lost = static_cast<double>(reading.lost) / std::max(1.0, sent);
   finding.measured = fmt::format("{:.0f} Hz, intervals {}; {} of {:.0f} lost, {} in a row", rate, gaps.text(),
                                  reading.lost, sent, reading.lost_in_row);
-  finding.figures = gaps.figures();
+  finding.show(gaps);
   finding.figures.push_back({"rate", rate, "Hz"});
-  finding.figures.push_back({"lost", static_cast<double>(reading.lost), "packets"});
-  finding.figures.push_back({"lost_in_row", static_cast<double>(reading.lost_in_row), "packets"});
+  finding.figures.push_back({"lost", reading.lost, "packets"});
+  finding.figures.push_back({"lost_in_row", reading.lost_in_row, "packets"});
   finding.figures.push_back({"irregular", 100 * irregular, "%"});
-  finding.histogram = gaps.bars;
-  if (sent < 0.9 * 1000 * reading.seconds) {
-    finding.judged = purpose == Purpose::real_arms ? Judgment::bad : Judgment::unknown;
-    finding.cause = purpose == Purpose::real_arms
-                        ? "an arm sends 1000 states per second; this one sent fewer"
-                        : "a virtual arm in lock-step, or on a busy computer, sends states at its own pace";
-    finding.cure = purpose == Purpose::real_arms
-                       ? "restart the arm's control unit; if that does not help, ask the manufacturer"
-                       : "start it with --pace realtime to measure its regularity";
-    return finding;
-  }
+  if (sent < 0.9 * 1000 * reading.seconds)
+    return finding.as(purpose == Purpose::real_arms ? Judgment::bad : Judgment::unknown,
+                      purpose == Purpose::real_arms
+                          ? "an arm sends 1000 states per second; this one sent fewer"
+                          : "a virtual arm in lock-step, or on a busy computer, sends states at its own pace",
+                      purpose == Purpose::real_arms
+                          ? "restart the arm's control unit; if that does not help, ask the manufacturer"
+                          : "start it with --pace realtime to measure its regularity");
   if (lost > 0.01 || reading.lost_in_row >= kLostInRowLimit || irregular > 0.05) {
     finding.judged = defect(purpose);
   } else if (reading.lost > 0 || irregular > 0.01) {
     finding.judged = Judgment::warning;
   } else {
-    finding.judged = Judgment::ok;
-    return finding;
+    return finding.as(Judgment::ok);
   }
-  finding.cause =
+  return finding.because(
       fmt::format("{:.2g} % of the states were lost, {:.2g} % came more than {:g} us early or late",
-                  100 * lost, 100 * irregular, kAnswerLimit_us);
-  finding.cure = "if wake-ups above are late, fix those first; otherwise check cable, switch and card";
-  return finding;
+                  100 * lost, 100 * irregular, kAnswerLimit_us),
+      "if wake-ups above are late, fix those first; otherwise check cable, switch and card");
 }
 
 CommunicationReading run_communication_test(const std::string& address, double seconds,
@@ -266,9 +258,9 @@ std::vector<Finding> judge_communication(const CommunicationReading& reading, Pu
   run.measured =
       fmt::format("{} of {:.0f} periods with zero torque, protocol version {} ({})", reading.periods,
                   1000 * reading.asked_s, reading.version, arms_of_version(reading.version));
-  run.figures = {{"periods", static_cast<double>(reading.periods), ""},
-                 {"answered", static_cast<double>(reading.answered), ""},
-                 {"not_sent", static_cast<double>(reading.not_sent), ""}};
+  run.figures = {{"periods", reading.periods, ""},
+                 {"answered", reading.answered, ""},
+                 {"not_sent", reading.not_sent, ""}};
   run.judged = Judgment::ok;
   if (!reading.ended.empty()) {
     run.judged = Judgment::bad;
@@ -309,8 +301,7 @@ std::vector<Finding> judge_communication(const CommunicationReading& reading, Pu
   Finding lost{.id = "states_lost", .subject = "states lost"};
   lost.measured = fmt::format("{} of {}, at most {} in a row (an arm stops after {} in a row)", reading.lost,
                               reading.periods, reading.lost_in_row, kLostInRowLimit);
-  lost.figures = {{"lost", static_cast<double>(reading.lost), "packets"},
-                  {"lost_in_row", static_cast<double>(reading.lost_in_row), "packets"}};
+  lost.figures = {{"lost", reading.lost, "packets"}, {"lost_in_row", reading.lost_in_row, "packets"}};
   const double share =
       static_cast<double>(reading.lost) / static_cast<double>(std::max<std::uint64_t>(1, reading.periods));
   lost.judged = Judgment::ok;
@@ -336,8 +327,7 @@ std::vector<Finding> judge_communication(const CommunicationReading& reading, Pu
                                   reading.address)
                     : "the virtual arm shares this computer: reduce the load, or use --pace lockstep";
   }
-  time.figures = cycles.figures();
-  time.histogram = cycles.bars;
+  time.show(cycles);
   findings.push_back(time);
   Finding answer{.id = "answer_time", .subject = "time to answer", .measured = answers.text()};
   answer.judged = answers.count > 0 ? Judgment::ok : Judgment::unknown;

@@ -78,14 +78,13 @@ Finding judge_kernel(const KernelReading& reading, Purpose purpose) {
     }
     return finding;
   }
-  finding.judged = defect(purpose);
-  finding.cause = "drivers and interrupts of a kernel without PREEMPT_RT can delay the loop by milliseconds";
-  finding.cure =
+  return finding.as(
+      defect(purpose),
+      "drivers and interrupts of a kernel without PREEMPT_RT can delay the loop by milliseconds",
       purpose == Purpose::real_arms
           ? "boot a PREEMPT_RT kernel: Debian 'apt install linux-image-rt-amd64', Ubuntu 'pro enable "
             "realtime-kernel'"
-          : "fine for simulation; before real arms, boot a PREEMPT_RT kernel (Debian: linux-image-rt-amd64)";
-  return finding;
+          : "fine for simulation; before real arms, boot a PREEMPT_RT kernel (Debian: linux-image-rt-amd64)");
 }
 
 MachineKindReading read_machine_kind(const SystemFiles& files) {
@@ -118,24 +117,17 @@ Finding judge_virtual_machine(const MachineKindReading& reading, Purpose purpose
   Finding finding{.id = "virtual_machine", .subject = "computer"};
   finding.measured =
       fmt::format("{}{} core(s)", reading.processor.empty() ? "" : reading.processor + ", ", reading.cores);
-  finding.figures = {{"cores", static_cast<double>(reading.cores), "cores"}};
+  finding.figures = {{"cores", reading.cores, "cores"}};
   if (reading.container) finding.measured += ", in a container";
-  if (!reading.hypervisor) {
-    finding.cause = "the processor does not report whether it is virtual";
-    return finding;
-  }
+  if (!reading.hypervisor) return finding.because("the processor does not report whether it is virtual");
   finding.figures.push_back({"virtual", *reading.hypervisor ? 1.0 : 0.0, ""});
-  if (!*reading.hypervisor) {
-    finding.judged = Judgment::ok;
-    return finding;
-  }
-  finding.judged = purpose == Purpose::real_arms ? Judgment::bad : Judgment::warning;
+  if (!*reading.hypervisor) return finding.as(Judgment::ok);
   finding.measured += reading.product.empty() ? ", virtual" : fmt::format(", virtual ({})", reading.product);
-  finding.cause = "the host decides when a virtual machine runs: 1 kHz cannot be guaranteed";
-  finding.cure = purpose == Purpose::real_arms
-                     ? "control real arms from a computer without a hypervisor"
-                     : "sufficient for simulation; real arms need a physical computer";
-  return finding;
+  return finding.as(purpose == Purpose::real_arms ? Judgment::bad : Judgment::warning,
+                    "the host decides when a virtual machine runs: 1 kHz cannot be guaranteed",
+                    purpose == Purpose::real_arms
+                        ? "control real arms from a computer without a hypervisor"
+                        : "sufficient for simulation; real arms need a physical computer");
 }
 
 Finding judge_clock_source(const MachineKindReading& reading, Purpose purpose) {
@@ -145,16 +137,12 @@ Finding judge_clock_source(const MachineKindReading& reading, Purpose purpose) {
                                  reading.clock_read_ns);
   finding.figures = {{"read", reading.clock_read_ns, "ns"}};
   // Fast clocks are read without entering the kernel, in 20 to 60 ns; slow ones take microseconds.
-  if (reading.clock_read_ns < 500) {
-    finding.judged = Judgment::ok;
-    return finding;
-  }
-  finding.judged = reading.clock_read_ns < 5000 ? Judgment::warning : defect(purpose);
-  finding.cause = "this clock is read through the kernel several times per cycle";
-  finding.cure =
+  if (reading.clock_read_ns < 500) return finding.as(Judgment::ok);
+  return finding.as(
+      reading.clock_read_ns < 5000 ? Judgment::warning : defect(purpose),
+      "this clock is read through the kernel several times per cycle",
       "boot with clocksource=tsc tsc=reliable if the processor's counter is steady; otherwise use another "
-      "computer";
-  return finding;
+      "computer");
 }
 
 ProcessorReading read_processor(const SystemFiles& files) {
@@ -191,9 +179,9 @@ Finding judge_governor(const ProcessorReading& reading, Purpose purpose) {
   Finding finding{.id = "governor", .subject = "frequency of the cores"};
   if (reading.governors.empty()) {
     finding.measured = "not reported by the kernel";
-    finding.cause = "no frequency control is visible here, as usual in a virtual machine: the host decides";
-    finding.cure = "check the host or the BIOS: the cores should keep one high frequency";
-    return finding;
+    return finding.because(
+        "no frequency control is visible here, as usual in a virtual machine: the host decides",
+        "check the host or the BIOS: the cores should keep one high frequency");
   }
   std::string governors;
   for (const auto& [name, cores] : reading.governors) {
@@ -210,18 +198,14 @@ Finding judge_governor(const ProcessorReading& reading, Purpose purpose) {
     finding.figures.push_back({"maximum", *reading.max_mhz, "MHz"});
   }
   if (reading.turbo) finding.measured += *reading.turbo ? ", turbo on" : ", turbo off";
-  if (reading.governors.size() == 1 && reading.governors.contains("performance")) {
-    finding.judged = Judgment::ok;
-    return finding;
-  }
-  finding.judged = defect(purpose);
-  finding.cause =
+  if (reading.governors.size() == 1 && reading.governors.contains("performance"))
+    return finding.as(Judgment::ok);
+  return finding.as(
+      defect(purpose),
       "the cores slow down when idle, and the loop is idle most of the time: its cycles then take "
-      "several times as long";
-  finding.cure =
+      "several times as long",
       "cpupower frequency-set -g performance (package linux-cpupower; on the desktop: power profile "
-      "'performance')";
-  return finding;
+      "'performance')");
 }
 
 Finding judge_idle_states(const ProcessorReading& reading, Purpose purpose) {
@@ -232,24 +216,19 @@ Finding judge_idle_states(const ProcessorReading& reading, Purpose purpose) {
   }
   if (deepest == nullptr) {
     finding.measured = "not reported by the kernel";
-    finding.cause = "no idle states are visible here, as usual in a virtual machine: the host decides";
-    return finding;
+    return finding.because(
+        "no idle states are visible here, as usual in a virtual machine: the host decides");
   }
   finding.measured = fmt::format("deepest state {} wakes within {:g} us", deepest->name, deepest->latency_us);
   finding.figures = {{"wake_up", deepest->latency_us, "us"}};
-  if (deepest->latency_us <= kDeepSleep_us) {
-    finding.judged = Judgment::ok;
-    return finding;
-  }
+  if (deepest->latency_us <= kDeepSleep_us) return finding.as(Judgment::ok);
   // Only a hint: cores sleep this deeply if nothing is due for a long time, and 1 ms is short. The wake-up
   // figures show the actual cost.
-  finding.judged = Judgment::warning;
-  finding.cause =
-      fmt::format("a core that sleeps this deeply wakes the loop up to {:g} us late", deepest->latency_us);
-  finding.cure =
+  return finding.as(
+      Judgment::warning,
+      fmt::format("a core that sleeps this deeply wakes the loop up to {:g} us late", deepest->latency_us),
       fmt::format("cpupower idle-set -D {:g}, or processor.max_cstate=1 at boot{}", kDeepSleep_us,
-                  purpose == Purpose::real_arms ? "" : "; without real arms deep sleep does no harm");
-  return finding;
+                  purpose == Purpose::real_arms ? "" : "; without real arms deep sleep does no harm"));
 }
 
 SchedulingReading read_scheduling(const SystemFiles& files) {
@@ -278,14 +257,13 @@ SchedulingReading read_scheduling(const SystemFiles& files) {
 
 Finding judge_fifo(const SchedulingReading& reading, Purpose purpose) {
   Finding finding{.id = "sched_fifo", .subject = "permission to use SCHED_FIFO"};
-  finding.figures = {{"priority_required", static_cast<double>(reading.priority), ""},
-                     {"priority_limit", static_cast<double>(reading.priority_limit), ""}};
+  finding.figures = {{"priority_required", reading.priority, ""},
+                     {"priority_limit", reading.priority_limit, ""}};
   if (reading.fifo) {
-    finding.judged = Judgment::ok;
     finding.measured =
         fmt::format("priority {} granted{}", reading.priority,
                     reading.superuser ? " (superuser)" : fmt::format(" (limit {})", reading.priority_limit));
-    return finding;
+    return finding.as(Judgment::ok);
   }
   finding.judged = defect(purpose);
   finding.measured = fmt::format("priority {} refused: {} (limit {})", reading.priority,
@@ -306,48 +284,38 @@ Finding judge_fifo(const SchedulingReading& reading, Purpose purpose) {
 Finding judge_memory_lock(const SchedulingReading& reading, Purpose purpose) {
   Finding finding{.id = "memory_lock", .subject = "permission to lock memory"};
   if (reading.memory_unlimited && reading.memory_locks) {
-    finding.judged = Judgment::ok;
     finding.measured = "no limit";
-    return finding;
+    return finding.as(Judgment::ok);
   }
   finding.judged = defect(purpose);
   const double megabytes = static_cast<double>(reading.memory_limit_bytes) / 1e6;
   finding.measured =
       reading.memory_unlimited ? std::string("refused") : fmt::format("limit {:.3g} MB", megabytes);
   finding.figures = {{"limit", megabytes, "MB"}};
-  finding.cause =
+  return finding.because(
       "memory that is not locked may be swapped out or first touched in the loop; such a page fault "
-      "costs up to milliseconds";
-  finding.cure =
-      reading.superuser ? "start the container with --ulimit memlock=-1 --cap-add=ipc_lock" : kLimits;
-  return finding;
+      "costs up to milliseconds",
+      reading.superuser ? "start the container with --ulimit memlock=-1 --cap-add=ipc_lock" : kLimits);
 }
 
 Finding judge_throttling(const SchedulingReading& reading, Purpose purpose) {
   Finding finding{.id = "rt_throttling", .subject = "real-time throttling"};
   if (!reading.rt_runtime_us || !reading.rt_period_us || *reading.rt_period_us <= 0) {
     finding.measured = "cannot be read";
-    finding.cause = "/proc/sys/kernel/sched_rt_runtime_us is missing or not readable";
-    return finding;
+    return finding.because("/proc/sys/kernel/sched_rt_runtime_us is missing or not readable");
   }
   if (*reading.rt_runtime_us < 0) {
-    finding.judged = Judgment::ok;
     finding.measured = "off";
-    return finding;
+    return finding.as(Judgment::ok);
   }
   const double share = *reading.rt_runtime_us / *reading.rt_period_us;
   finding.figures = {{"share", share, ""}};
   finding.measured =
       fmt::format("real-time threads get {:.0f} % of {:g} ms", 100 * share, *reading.rt_period_us / 1000);
   // A loop that computes for about 100 us per millisecond never reaches the usual 95 %.
-  if (share >= 0.5) {
-    finding.judged = Judgment::ok;
-    return finding;
-  }
-  finding.judged = defect(purpose);
-  finding.cause = "the kernel suspends real-time threads that use more than this";
-  finding.cure = "sysctl -w kernel.sched_rt_runtime_us=950000";
-  return finding;
+  if (share >= 0.5) return finding.as(Judgment::ok);
+  return finding.as(defect(purpose), "the kernel suspends real-time threads that use more than this",
+                    "sysctl -w kernel.sched_rt_runtime_us=950000");
 }
 
 }  // namespace multipanda::doctor

@@ -113,6 +113,18 @@ std::string_view to_string(Judgment judgment) {
   return "?";
 }
 
+Finding& Finding::as(Judgment judgment, std::string why, std::string do_this) {
+  judged = judgment;
+  cause = std::move(why);
+  cure = std::move(do_this);
+  return *this;
+}
+
+void Finding::show(const Distribution& distribution) {
+  figures = distribution.figures();
+  histogram = distribution.bars;
+}
+
 Judgment verdict(const std::vector<Finding>& findings) {
   Judgment worst = Judgment::ok;
   for (const auto& finding : findings) worst = std::max(worst, finding.judged);
@@ -245,7 +257,7 @@ double share_above(const std::vector<double>& us, double limit) {
 }
 
 std::vector<Figure> Distribution::figures() const {
-  return {{"count", static_cast<double>(count), ""},
+  return {{"count", count, ""},
           {"p50", p50, "us"},
           {"p99", p99, "us"},
           {"p999", p999, "us"},

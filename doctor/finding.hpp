@@ -17,8 +17,10 @@ std::string_view to_string(Judgment judgment);
 enum class Purpose { simulated_arms, real_arms };
 
 struct Figure {
+  Figure(std::string name_, auto value_, std::string unit_)
+      : name(std::move(name_)), value(static_cast<double>(value_)), unit(std::move(unit_)) {}
   std::string name;  // "p99"
-  double value = 0;
+  double value;
   std::string unit;  // "us"; empty: a plain number
 };
 
@@ -26,6 +28,8 @@ struct Bar {
   double from = 0, to = 0;  // [us]; to: infinite in the last one
   std::size_t count = 0;
 };
+
+struct Distribution;
 
 // One line of the examination.
 struct Finding {
@@ -36,6 +40,13 @@ struct Finding {
   std::string cause, cure;  // empty if ok; if unknown: the reason, and how to find out
   std::vector<Figure> figures;
   std::vector<Bar> histogram;
+
+  // Both return the finding, for the end of a judgment.
+  Finding& as(Judgment judgment, std::string why = {}, std::string do_this = {});
+  Finding& because(std::string why, std::string do_this = {}) {
+    return as(judged, std::move(why), std::move(do_this));
+  }
+  void show(const Distribution& distribution);  // its figures and its histogram
 };
 
 // Judgment of a defect: bad for real arms, a warning for simulated ones.

@@ -116,8 +116,7 @@ Finding judge_load(const LoadReading& reading, Purpose purpose) {
   Finding finding{.id = "load", .subject = "load on the cores"};
   if (reading.cores.empty()) {
     finding.measured = "cannot be read";
-    finding.cause = "/proc/stat is not readable or empty";
-    return finding;
+    return finding.because("/proc/stat is not readable or empty");
   }
   const double busy = std::accumulate(reading.cores.begin(), reading.cores.end(), 0.0);
   const auto count = static_cast<double>(reading.cores.size());
@@ -132,17 +131,13 @@ Finding judge_load(const LoadReading& reading, Purpose purpose) {
   }
   // The loop needs a core of its own; a real-time thread gets one, but shares caches and memory.
   const double idle = count - busy;
-  if (idle >= 1 || (count == 1 && idle >= 0.7)) {
-    finding.judged = Judgment::ok;
-    return finding;
-  }
-  finding.judged = idle < 0.3 ? defect(purpose) : Judgment::warning;
-  finding.cause = "less than one core is idle: the loop shares its core with other programs";
-  finding.cure = reading.processes.empty()
-                     ? std::string("end other programs, or use a processor with more cores")
-                     : fmt::format("end {} (process {}) or limit it; or use a processor with more cores",
-                                   reading.processes[0].name, reading.processes[0].number);
-  return finding;
+  if (idle >= 1 || (count == 1 && idle >= 0.7)) return finding.as(Judgment::ok);
+  return finding.as(idle < 0.3 ? defect(purpose) : Judgment::warning,
+                    "less than one core is idle: the loop shares its core with other programs",
+                    reading.processes.empty()
+                        ? std::string("end other programs, or use a processor with more cores")
+                        : fmt::format("end {} (process {}) or limit it; or use a processor with more cores",
+                                      reading.processes[0].name, reading.processes[0].number));
 }
 
 Finding judge_isolation(const LoadReading& reading, Purpose purpose) {
@@ -153,7 +148,7 @@ Finding judge_isolation(const LoadReading& reading, Purpose purpose) {
     return text;
   };
   finding.judged = Judgment::ok;
-  finding.figures = {{"isolated", static_cast<double>(reading.isolated.size()), "cores"}};
+  finding.figures = {{"isolated", reading.isolated.size(), "cores"}};
   if (reading.isolated.empty()) {
     finding.measured = purpose == Purpose::real_arms
                            ? "none; if wake-ups are late: isolcpus=N nohz_full=N at boot, run with --cpu N"
@@ -171,19 +166,14 @@ Finding judge_steal(const LoadReading& reading, Purpose purpose) {
   Finding finding{.id = "steal", .subject = "time taken by the host"};
   if (!reading.steal) {
     finding.measured = "cannot be read";
-    finding.cause = "/proc/stat is not readable or empty";
-    return finding;
+    return finding.because("/proc/stat is not readable or empty");
   }
   finding.measured = fmt::format("{:.2f} %", 100 * *reading.steal);
   finding.figures = {{"steal", 100 * *reading.steal, "%"}};
-  if (*reading.steal < 0.001) {
-    finding.judged = Judgment::ok;
-    return finding;
-  }
-  finding.judged = *reading.steal < 0.01 ? Judgment::warning : defect(purpose);
-  finding.cause = "the host of this virtual machine runs other work on its cores";
-  finding.cure = "give the virtual machine dedicated (pinned) cores, or run on the host";
-  return finding;
+  if (*reading.steal < 0.001) return finding.as(Judgment::ok);
+  return finding.as(*reading.steal < 0.01 ? Judgment::warning : defect(purpose),
+                    "the host of this virtual machine runs other work on its cores",
+                    "give the virtual machine dedicated (pinned) cores, or run on the host");
 }
 
 DdsReading read_dds(const LoadSample& before, const LoadSample& after, const SystemFiles& files) {
@@ -236,13 +226,12 @@ Finding judge_dds(const DdsReading& reading, Purpose purpose) {
   finding.judged = packets > 100 ? defect(purpose) : Judgment::ok;
   if (packets > 100 && packets < 1000) finding.judged = Judgment::warning;
   if (finding.judged == Judgment::ok) return finding;
-  finding.cause =
-      "multicast goes through every network card, also the arm's, and wakes the kernel for each packet";
-  finding.cure = reading.domains.empty()
-                     ? "find the sender (tcpdump multicast) and keep it off the arm's card"
-                     : "keep DDS off the arm's card: FASTDDS_BUILTIN_TRANSPORTS=SHM on one computer, "
-                       "otherwise a profile that names the other cards (docs/ros2.md, Keeping 1 kHz)";
-  return finding;
+  return finding.because(
+      "multicast goes through every network card, also the arm's, and wakes the kernel for each packet",
+      reading.domains.empty()
+          ? "find the sender (tcpdump multicast) and keep it off the arm's card"
+          : "keep DDS off the arm's card: FASTDDS_BUILTIN_TRANSPORTS=SHM on one computer, "
+            "otherwise a profile that names the other cards (docs/ros2.md, Keeping 1 kHz)");
 }
 
 }  // namespace multipanda::doctor

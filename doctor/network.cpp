@@ -277,19 +277,16 @@ Finding judge_network_card(const NetworkCardReading& reading, Purpose purpose) {
   Finding finding{.id = "network_card:" + reading.address,
                   .subject = fmt::format("card to {}", reading.address)};
   if (reading.interface.empty()) {
-    finding.judged = Judgment::bad;
     finding.measured = fmt::format("no route to {}: {}", reading.address, reading.reason);
-    finding.cause = "this computer has no network to that address, or the name is wrong";
-    finding.cure =
+    return finding.as(
+        Judgment::bad, "this computer has no network to that address, or the name is wrong",
         "connect the card by cable and give it an address in the arm's network (see the network settings on "
-        "the arm's web page)";
-    return finding;
+        "the arm's web page)");
   }
   finding.measured = reading.interface;
   if (reading.loopback) {
-    finding.judged = Judgment::ok;
     finding.measured += " (this computer itself: a virtual arm)";
-    return finding;
+    return finding.as(Judgment::ok);
   }
   finding.measured += reading.wireless ? ", wireless" : reading.virtual_card ? ", virtual" : ", wired";
   if (reading.usb) finding.measured += " by USB";
@@ -368,21 +365,19 @@ Finding judge_round_trip(const RoundTripReading& reading, Purpose purpose) {
   Finding finding{.id = "round_trip:" + reading.address,
                   .subject = fmt::format("round trip {}", reading.address)};
   if (reading.us.empty()) {
-    finding.judged = Judgment::bad;
     finding.measured = fmt::format("no answer{}", reading.reason.empty() ? "" : " (" + reading.reason + ")");
-    finding.cause =
+    return finding.as(
+        Judgment::bad,
         "no reply to echo requests, and no answer from the control port: wrong address, arm switched off, or "
-        "a firewall";
-    finding.cure = "check address, cable and power; open the arm's web page in a browser from this computer";
-    return finding;
+        "a firewall",
+        "check address, cable and power; open the arm's web page in a browser from this computer");
   }
   const Distribution trip = distribution_of(reading.us);
   const std::size_t lost = reading.sent - reading.us.size();
   finding.measured = fmt::format("{}; {} of {} lost; {}", trip.text(), lost, reading.sent, reading.method);
-  finding.figures = trip.figures();
-  finding.figures.push_back({"lost", static_cast<double>(lost), "packets"});
-  finding.figures.push_back({"sent", static_cast<double>(reading.sent), "packets"});
-  finding.histogram = trip.bars;
+  finding.show(trip);
+  finding.figures.push_back({"lost", lost, "packets"});
+  finding.figures.push_back({"sent", reading.sent, "packets"});
   const double lost_share =
       static_cast<double>(lost) / static_cast<double>(std::max<std::size_t>(1, reading.sent));
   if (trip.p99 > kRoundTripLimit_us || lost_share > 0.01) {
@@ -390,17 +385,15 @@ Finding judge_round_trip(const RoundTripReading& reading, Purpose purpose) {
   } else if (trip.worst > kRoundTripLimit_us || lost > 0) {
     finding.judged = Judgment::warning;
   } else {
-    finding.judged = Judgment::ok;
-    return finding;
+    return finding.as(Judgment::ok);
   }
-  finding.cause = fmt::format(
-      "the arm requires its torque within a round trip of {:g} us; {:.2g} % took longer, {:.2g} % "
-      "did not return in time",
-      kRoundTripLimit_us, 100 * share_above(reading.us, kRoundTripLimit_us), 100 * lost_share);
-  finding.cure =
+  return finding.because(
+      fmt::format(
+          "the arm requires its torque within a round trip of {:g} us; {:.2g} % took longer, {:.2g} % "
+          "did not return in time",
+          kRoundTripLimit_us, 100 * share_above(reading.us, kRoundTripLimit_us), 100 * lost_share),
       "connect the control unit directly to a wired card of its own; if wake-ups above are late, fix those "
-      "first";
-  return finding;
+      "first");
 }
 
 }  // namespace multipanda::doctor

@@ -44,28 +44,24 @@ Finding judge_timer(const TimerReading& reading, Purpose purpose) {
   const double too_late = share_above(reading.late_us, kAnswerLimit_us);
   finding.measured = fmt::format("late by {}; {} of {} periods missed", late.text(), reading.missed,
                                  late.count + reading.missed);
-  finding.figures = late.figures();
-  finding.figures.push_back({"missed", static_cast<double>(reading.missed), "periods"});
-  finding.figures.push_back({"missed_in_row", static_cast<double>(reading.missed_in_row), "periods"});
+  finding.show(late);
+  finding.figures.push_back({"missed", reading.missed, "periods"});
+  finding.figures.push_back({"missed_in_row", reading.missed_in_row, "periods"});
   finding.figures.push_back({"later_than_limit", 100 * too_late, "%"});
-  finding.histogram = late.bars;
-  if (too_late == 0 && reading.missed == 0) {
-    finding.judged = Judgment::ok;
-    return finding;
-  }
+  if (too_late == 0 && reading.missed == 0) return finding.as(Judgment::ok);
   // An arm tolerates single losses by repeating the last torque. Many losses, or many in a row, stop it.
   const bool stops = reading.missed_in_row >= kLostInRowLimit || too_late > 0.01;
-  finding.judged = stops ? defect(purpose) : Judgment::warning;
-  finding.cause = fmt::format(
-      "{:.2g} % of the wake-ups were later than {:g} us, after which a torque misses its period{}",
-      100 * too_late, kAnswerLimit_us,
-      reading.missed_in_row >= kLostInRowLimit
-          ? fmt::format("; {} in a row were missed, and an arm stops after {}", reading.missed_in_row,
-                        kLostInRowLimit)
-          : std::string());
-  finding.cure =
-      "fix the lines above that are not ok (kernel, SCHED_FIFO, governor, load) and measure again after each";
-  return finding;
+  return finding.as(
+      stops ? defect(purpose) : Judgment::warning,
+      fmt::format(
+          "{:.2g} % of the wake-ups were later than {:g} us, after which a torque misses its period{}",
+          100 * too_late, kAnswerLimit_us,
+          reading.missed_in_row >= kLostInRowLimit
+              ? fmt::format("; {} in a row were missed, and an arm stops after {}", reading.missed_in_row,
+                            kLostInRowLimit)
+              : std::string()),
+      "fix the lines above that are not ok (kernel, SCHED_FIFO, governor, load) and measure again after "
+      "each");
 }
 
 ControlCycleReading parse_control_cycle(const std::string& json) {
@@ -112,46 +108,40 @@ Finding judge_control_cycle(const ControlCycleReading& reading, Purpose purpose)
   Finding finding{.id = "control_cycle", .subject = "control cycle"};
   if (!reading.reason.empty()) {
     finding.measured = fmt::format("scene {} was not measured", reading.scene);
-    finding.cause = reading.reason;
-    finding.cure = "run 'multipanda check SCENE' to see what is wrong, or choose another scene with --scene";
-    return finding;
+    return finding.because(
+        reading.reason,
+        "run 'multipanda check SCENE' to see what is wrong, or choose another scene with --scene");
   }
   finding.measured = fmt::format(
       "scene {}: p50 {:.1f}, p99 {:.1f}, p99.9 {:.1f}, worst {:.1f} us of {:g} ({} cycles)", reading.scene,
       reading.p50, reading.p99, reading.p999, reading.worst, kPeriod_us, reading.cycles);
-  finding.figures = {{"cycles", static_cast<double>(reading.cycles), ""},
+  finding.figures = {{"cycles", reading.cycles, ""},
                      {"p50", reading.p50, "us"},
                      {"p99", reading.p99, "us"},
                      {"p999", reading.p999, "us"},
                      {"worst", reading.worst, "us"},
                      {"budget", kPeriod_us, "us"},
-                     {"interruptions", static_cast<double>(reading.interruptions), ""}};
-  if (reading.p999 <= kAnswerLimit_us) {
-    finding.judged = Judgment::ok;
-    return finding;
-  }
+                     {"interruptions", reading.interruptions, ""}};
+  if (reading.p999 <= kAnswerLimit_us) return finding.as(Judgment::ok);
   // The median is the cost of the controllers; the tail of an interrupted thread is caused by the computer.
   const bool own = reading.p50 > kAnswerLimit_us / 2;
-  finding.judged = reading.p999 > kPeriod_us && own ? defect(purpose) : Judgment::warning;
-  finding.cause =
-      own ? fmt::format(
-                "the controllets and features of this scene need {:.0f} us; an arm waits "
-                "about {:g} us for its torque",
-                reading.p50, kAnswerLimit_us)
+  return finding.as(
+      reading.p999 > kPeriod_us && own ? defect(purpose) : Judgment::warning,
+      own ? fmt::format("the controllets and features of this scene need {:.0f} us; an arm waits "
+                        "about {:g} us for its torque",
+                        reading.p50, kAnswerLimit_us)
           : fmt::format("the median cycle is fast but a few are slow: the thread was interrupted {} times",
-                        reading.interruptions);
-  finding.cure = own ? "switch features off one by one to find the costly one (collision_avoidance is the "
-                       "first to try); 'multipanda bench' measures the cost of each"
-                     : "see load, SCHED_FIFO and kernel above";
-  return finding;
+                        reading.interruptions),
+      own ? "switch features off one by one to find the costly one (collision_avoidance is the "
+            "first to try); 'multipanda bench' measures the cost of each"
+          : "see load, SCHED_FIFO and kernel above");
 }
 
 Finding judge_loop_guard(const ControlCycleReading& reading, Purpose purpose) {
   Finding finding{.id = "loop_guard", .subject = "loop guard"};
   if (!reading.reason.empty()) {
     finding.measured = "not counted";
-    finding.cause = reading.reason;
-    return finding;
+    return finding.because(reading.reason);
   }
   finding.measured =
       reading.guarded
@@ -159,33 +149,25 @@ Finding judge_loop_guard(const ControlCycleReading& reading, Purpose purpose) {
                         reading.lock_calls, reading.page_faults, reading.cycles)
           : fmt::format("{} page faults in {} cycles", reading.page_faults, reading.cycles);
   if (reading.guarded) {
-    finding.figures = {{"heap_calls", static_cast<double>(reading.heap_calls), ""},
-                       {"lock_calls", static_cast<double>(reading.lock_calls), ""}};
+    finding.figures = {{"heap_calls", reading.heap_calls, ""}, {"lock_calls", reading.lock_calls, ""}};
   }
-  finding.figures.push_back({"page_faults", static_cast<double>(reading.page_faults), ""});
-  if (reading.heap_calls > 0 || reading.lock_calls > 0) {
-    finding.judged = defect(purpose);
-    finding.cause =
+  finding.figures.push_back({"page_faults", reading.page_faults, ""});
+  if (reading.heap_calls > 0 || reading.lock_calls > 0)
+    return finding.as(
+        defect(purpose),
         "a controllet or feature of the scene allocates or locks in its update() and may wait for any "
-        "other thread";
-    finding.cure =
-        "move allocations into the constructor or start(); docs/writing_a_controllet.md shows how to test it";
-    return finding;
-  }
-  if (reading.page_faults > 0) {
-    finding.judged = reading.memory_locked ? Judgment::warning : Judgment::unknown;
-    finding.cause = reading.memory_locked ? "memory is touched for the first time in the loop"
-                                          : "memory could not be locked, so pages may be swapped out";
-    finding.cure = reading.memory_locked ? "let the controllet touch its memory in start()"
-                                         : "fix the line 'permission to lock memory' first";
-    return finding;
-  }
-  if (!reading.guarded) {
-    finding.cause = "heap calls and locks are not counted in this build (sanitizers replace malloc)";
-    return finding;
-  }
-  finding.judged = Judgment::ok;
-  return finding;
+        "other thread",
+        "move allocations into the constructor or start(); docs/writing_a_controllet.md shows how to test "
+        "it");
+  if (reading.page_faults > 0)
+    return finding.as(reading.memory_locked ? Judgment::warning : Judgment::unknown,
+                      reading.memory_locked ? "memory is touched for the first time in the loop"
+                                            : "memory could not be locked, so pages may be swapped out",
+                      reading.memory_locked ? "let the controllet touch its memory in start()"
+                                            : "fix the line 'permission to lock memory' first");
+  if (!reading.guarded)
+    return finding.because("heap calls and locks are not counted in this build (sanitizers replace malloc)");
+  return finding.as(Judgment::ok);
 }
 
 }  // namespace multipanda::doctor

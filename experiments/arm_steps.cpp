@@ -125,6 +125,18 @@ std::string ArmWatch::trouble(const RunStatus& status) {
   return stopped.empty() ? status.refusal : stopped;
 }
 
+bool RunWatch::stopped(Session& session) {
+  if (arms && trouble.empty() && !(trouble = arms->trouble(session.status())).empty()) session.stop();
+  return !trouble.empty();
+}
+
+void RunWatch::check(const std::string& run, const RunSummary& summary) const {
+  if (trouble.empty()) return;
+  std::string why = run + ": " + trouble;
+  for (const auto& fault : summary.faults()) why += "; " + fault;
+  throw ExperimentInterrupted(why);
+}
+
 void ArmSteps::say(const std::string& text) const {
   if (progress_.line) progress_.line(text);
 }

@@ -2,6 +2,7 @@
 
 #include <atomic>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -93,6 +94,21 @@ class ArmWatch {
   std::vector<bool> moved_;  // used by the calling thread
   std::string what_;         // before `found_`
   std::atomic<bool> found_{false};
+};
+
+// What a run is watched for: as the simulation before a run on arms its extent, on arms whatever stops it.
+struct RunWatch {
+  std::optional<MotionExtent> extent;
+  std::optional<ArmWatch> arms;
+  std::string trouble;
+
+  void take(const CycleRecord& record) {
+    if (extent) extent->take(record);
+    if (arms) arms->take(record);
+  }
+  bool stopped(Session& session);  // stops it at the first trouble
+  // Throws ExperimentInterrupted with the trouble and the faults of the run, if there was trouble.
+  void check(const std::string& run, const RunSummary& summary) const;
 };
 
 }  // namespace multipanda

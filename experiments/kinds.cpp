@@ -3,8 +3,11 @@
 #include <algorithm>
 #include <cstdlib>
 #include <fstream>
+#include <iterator>
+#include <sstream>
 
 #include "common/machine.hpp"
+#include "common/text.hpp"
 #include "report/page_script.hpp"
 
 namespace multipanda {
@@ -26,6 +29,11 @@ void write_json(const fs::path& file, const Json& json) {
                              "; check that the folder is writable and the disk has space");
 }
 
+std::vector<std::string> words(const std::string& text) {
+  std::istringstream in(text);
+  return {std::istream_iterator<std::string>(in), {}};
+}
+
 Json limits_json(const Experiment& experiment) {
   Json list = Json::array();
   for (const auto& limit : experiment.limits)
@@ -40,52 +48,17 @@ Json limits_json(const Experiment& experiment) {
 
 const std::vector<ExperimentKind>& experiment_kinds() {
   static const std::vector<ExperimentKind> kinds{
-      {kTaskKind,
-       "A scene, run in variants on several plants, with limits on its figures.",
-       {"q_rmse_rad",
-        "q_max_rad",
-        "dq_rmse_rad_per_s",
-        "dq_max_rad_per_s",
-        "tau_rmse_nm",
-        "tau_max_nm",
-        "x_rmse_m",
-        "x_max_m",
-        "f_rmse_n",
-        "f_max_n",
-        "c_err_rmse_nm",
-        "c_err_max_nm",
-        "force_rmse_n",
-        "force_max_n",
-        "force_est_rmse_n",
-        "force_low_n",
-        "force_high_n",
-        "force_settling_rmse_n",
-        "impact_peak_n",
-        "settling_s",
-        "contact_s",
-        "contact_to_window_s",
-        "contact_lost_s",
-        "path_rms_m",
-        "path_max_m",
-        "torque_rate_nm_per_s",
-        "limiter_hits",
-        "force_tank_min_j",
-        "impedance_tank_min_j",
-        "energy_gain_w",
-        "stored_energy_max_j",
-        "held",
-        "slip_m",
-        "tilt_rad",
-        "lift_error_m",
-        "force_difference_max_n",
-        "loss_speed_m_per_s",
-        "loss_travel_m"},
+      {kTaskKind, "A scene, run in variants on several plants, with limits on its figures.",
+       words("q_rmse_rad q_max_rad dq_rmse_rad_per_s dq_max_rad_per_s tau_rmse_nm tau_max_nm x_rmse_m "
+             "x_max_m f_rmse_n f_max_n c_err_rmse_nm c_err_max_nm force_rmse_n force_max_n "
+             "force_est_rmse_n force_low_n force_high_n force_settling_rmse_n impact_peak_n settling_s "
+             "contact_s contact_to_window_s contact_lost_s path_rms_m path_max_m torque_rate_nm_per_s "
+             "limiter_hits force_tank_min_j impedance_tank_min_j energy_gain_w stored_energy_max_j held "
+             "slip_m tilt_rad lift_error_m force_difference_max_n loss_speed_m_per_s loss_travel_m"),
        run_task},
-      {"performance",
-       "Two arms under a motion generator: cycle time, command delay, load, switching.",
-       {"control_ratio", "samples_missing", "delay_error_us", "delay_by_sequence_error_us",
-        "torques_unmatched", "generator_lost", "switches_late", "switches_refused", "switches_missing",
-        "bystander_different"},
+      {"performance", "Two arms under a motion generator: cycle time, command delay, load, switching.",
+       words("control_ratio samples_missing delay_error_us delay_by_sequence_error_us torques_unmatched "
+             "generator_lost switches_late switches_refused switches_missing bystander_different"),
        run_performance},
   };
   return kinds;
@@ -98,11 +71,7 @@ const ExperimentKind* find_kind(const std::string& name) {
   return nullptr;
 }
 
-std::vector<std::string> kind_names() {
-  std::vector<std::string> names;
-  for (const auto& kind : experiment_kinds()) names.push_back(kind.name);
-  return names;
-}
+std::vector<std::string> kind_names() { return names_in(experiment_kinds()); }
 
 ExperimentResult run_experiment(const Experiment& experiment, const ExperimentOptions& options,
                                 const ExperimentProgress& progress) {

@@ -47,8 +47,7 @@ std::vector<PerformanceSettings::Condition> chosen(const Experiment& experiment,
                                                    const PerformanceSettings& settings,
                                                    const std::vector<std::string>& only) {
   if (only.empty()) return settings.conditions;
-  std::vector<std::string> known;
-  for (const auto& condition : settings.conditions) known.push_back(condition.name);
+  const std::vector<std::string> known = names_in(settings.conditions);
   std::vector<PerformanceSettings::Condition> list;
   for (const auto& name : only) {
     const auto found = std::find(known.begin(), known.end(), name);
@@ -169,9 +168,7 @@ ExperimentResult run_performance(const Experiment& experiment, const ExperimentO
   const auto conditions = chosen(experiment, settings, options.only);
   for (const auto& condition : settings.conditions)  // refuses an invalid scene before anything runs
     (void)changed_scene(experiment, settings.scene, settings.plant, condition.set);
-  std::vector<std::string> names;
-  for (const auto& condition : conditions) names.push_back(condition.name);
-  const auto beside = beside_traces(options.beside, names);
+  const auto beside = beside_traces(options.beside, names_in(conditions));
   const std::size_t repeats = options.repeats.value_or(experiment.repeats);
   const PerformanceRun run{.experiment = experiment,
                            .settings = settings,

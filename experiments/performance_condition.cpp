@@ -9,9 +9,9 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include "benchmarks/bare/bare_libraries.hpp"
+#include "common/text.hpp"
 #include "core/model/arm_model.hpp"
 #include "core/types/statistics.hpp"
 #include "core/types/time.hpp"
@@ -98,14 +98,9 @@ class UsageSeries {
 
   std::size_t count() const { return rows_.size(); }
   static Json columns() {
-    return {"t_s",
-            "process_percent",
-            "loop_percent",
-            "loop_waited_percent",
-            "generator_percent",
-            "others_percent",
-            "memory_mb",
-            "load_1min"};
+    return Json::parse(
+        R"(["t_s", "process_percent", "loop_percent", "loop_waited_percent", "generator_percent",
+                           "others_percent", "memory_mb", "load_1min"])");
   }
   Json rows() const { return rows_; }
 
@@ -155,17 +150,14 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   const double duration_s = run.fast ? settings.fast_duration_s : settings.duration_s;
   const std::string name = fmt::format("{}_{}", condition.name, repeat);
   const OpenedScene opened = changed_scene(run.experiment, settings.scene, settings.plant, condition.set);
-  std::vector<std::string> arms;
-  for (const auto& arm : opened.scene.arms) arms.push_back(arm.name);
+  const std::vector<std::string> arms = names_in(opened.scene.arms);
 
   std::unique_ptr<CommandTrace> trace;
-  std::optional<MotionExtent> extent;
-  std::optional<ArmWatch> watch;
+  RunWatch watch;
   SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0, .socket = own_socket()};
-  options.observer = [&trace, &extent, &watch](const CycleRecord& record) {
+  options.observer = [&trace, &watch](const CycleRecord& record) {
     trace->take(record);
-    if (extent) extent->take(record);
-    if (watch) watch->take(record);
+    watch.take(record);
   };
   options.on_loop = [&trace](const Tick& tick, const Backend&) { trace->step_done(tick); };
   // A unique name, so that no other node on this machine is taken for it.
@@ -174,8 +166,8 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   const fs::path socket = options.socket;
   if (run.viewer != nullptr) run.viewer->prepare(options);
   Session session(opened.scene, opened.registry, std::move(options));
-  if (run.rehearsal) extent.emplace(session.scene(), session.models());
-  if (run.on_arms()) watch.emplace(session.scene(), session.layout(), session.models(), run.expected);
+  if (run.rehearsal) watch.extent.emplace(session.scene(), session.models());
+  if (run.on_arms()) watch.arms.emplace(session.scene(), session.layout(), session.models(), run.expected);
   const InstanceIndex instance = session.modes().find(condition.controllet);
   if (instance == kNoInstance)
     throw std::invalid_argument("condition " + condition.name + ": the scene has no controllet '" +
@@ -195,10 +187,8 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
                               .ros_node = run.ros ? "/" + node : "",
                               .seconds = settings.lead_s + 2 * duration_s + 2 * kPatience,
                               .messages = run.folder / (name + "_generator.txt")});
-  std::string trouble;
   const auto over = [&] {
-    if (watch && trouble.empty() && !(trouble = watch->trouble(session.status())).empty()) session.stop();
-    return run.progress.stopped() || !trouble.empty() || session.wait_for_end(0);
+    return watch.stopped(session) || run.progress.stopped() || session.wait_for_end(0);
   };
   const HostTime begin = host_now();
   while (!trace->started() && !over() && generator.running() && seconds(host_now() - begin) < kPatience)
@@ -226,11 +216,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
   session.stop();
   const RunSummary summary = session.finish();
   if (run.progress.stopped()) return {};
-  if (!trouble.empty()) {
-    std::vector<std::string> causes = summary.faults();
-    causes.insert(causes.begin(), trouble);
-    throw ExperimentInterrupted(fmt::format("{}: {}", name, fmt::join(causes, "; ")));
-  }
+  watch.check(name, summary);
 
   const fs::path file = run.folder / (name + ".npz");
   trace->write(file);
@@ -251,7 +237,7 @@ Json run_condition(const PerformanceRun& run, const PerformanceSettings::Conditi
               {"scene_text", opened.scene.text}};
   if (std::isfinite(bare_us)) record["bare_us"] = std::midpoint(bare_us, bare_math_us(session.models()));
   record.update(of_summary(summary));
-  if (extent) record["extent"] = extent->json();
+  if (watch.extent) record["extent"] = watch.extent->json();
   return record;
 }
 
@@ -262,8 +248,7 @@ Json run_delay_check(const PerformanceRun& run, double delay_s) {
                  .value = fmt::format("{}", delay_s),
                  .place = {run.experiment.path, 0}});
   const OpenedScene opened = changed_scene(run.experiment, run.settings.scene, run.settings.plant, set);
-  std::vector<std::string> arms;
-  for (const auto& arm : opened.scene.arms) arms.push_back(arm.name);
+  const std::vector<std::string> arms = names_in(opened.scene.arms);
 
   std::unique_ptr<CommandTrace> trace;
   SessionOptions options{.paced = false, .backend = run.backend, .duration_s = check.duration_s + 1};

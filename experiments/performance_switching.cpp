@@ -5,7 +5,6 @@
 #include <thread>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include "experiments/arm_steps.hpp"
 #include "experiments/performance_runs.hpp"
@@ -101,24 +100,21 @@ Json run_switching(const PerformanceRun& run) {
   const std::size_t samples = kLead + 2 * switching.trials * kCyclesPerTrial;
 
   std::unique_ptr<CommandTrace> trace, undisturbed;
-  std::optional<MotionExtent> extent;
-  std::optional<ArmWatch> watch;
-  std::string trouble;
+  RunWatch watch;
   std::vector<Trial> trials;
   ArmIndex bystander = 0;
   RunSummary summary;
   {
     SessionOptions options{.paced = true, .backend = run.backend, .duration_s = 0.0};
-    options.observer = [&trace, &extent, &watch](const CycleRecord& record) {
+    options.observer = [&trace, &watch](const CycleRecord& record) {
       trace->take(record);
-      if (extent) extent->take(record);
-      if (watch) watch->take(record);
+      watch.take(record);
     };
     if (run.viewer != nullptr) run.viewer->prepare(options);
     Session session(opened.scene, opened.registry, std::move(options));
     trace = trace_of(session, samples);
-    if (run.rehearsal) extent.emplace(session.scene(), session.models());
-    if (run.on_arms()) watch.emplace(session.scene(), session.layout(), session.models(), run.expected);
+    if (run.rehearsal) watch.extent.emplace(session.scene(), session.models());
+    if (run.on_arms()) watch.arms.emplace(session.scene(), session.layout(), session.models(), run.expected);
     MultimodeController& modes = session.modes();
     bystander = arm_named(modes, switching.bystander);
     const InstanceSet sets[] = {bit(instance_named(modes, switching.controllets[0])),
@@ -132,8 +128,7 @@ Json run_switching(const PerformanceRun& run) {
     if (run.progress.stopped()) return {};
     session.start();
     const auto running = [&] {
-      if (watch && trouble.empty() && !(trouble = watch->trouble(session.status())).empty()) session.stop();
-      return !run.progress.stopped() && trouble.empty() && !session.wait_for_end(0);
+      return !watch.stopped(session) && !run.progress.stopped() && !session.wait_for_end(0);
     };
     while (trace->count() < kLead && running() && !session.wait_for_end(0.01)) {
     }
@@ -159,11 +154,7 @@ Json run_switching(const PerformanceRun& run) {
     summary = session.finish();
   }
   if (run.progress.stopped()) return {};
-  if (!trouble.empty()) {
-    std::vector<std::string> causes = summary.faults();
-    causes.insert(causes.begin(), trouble);
-    throw ExperimentInterrupted(fmt::format("{}: {}", "switching", fmt::join(causes, "; ")));
-  }
+  watch.check("switching", summary);
   if (!run.on_arms() && !run.rehearsal) {  // arms cannot repeat a run bit for bit
     const double seconds = 1e-3 * static_cast<double>(std::min(trace->count(), samples));
     SessionOptions options{.paced = false, .backend = run.backend, .duration_s = seconds};
@@ -195,7 +186,7 @@ Json run_switching(const PerformanceRun& run) {
     }
     list.push_back(std::move(entry));
   }
-  return {{"extent", extent ? extent->json() : Json::array()},
+  return {{"extent", watch.extent ? watch.extent->json() : Json::array()},
           {"trials", switching.trials},
           {"controllets", switching.controllets},
           {"controllet", switching.controllet},

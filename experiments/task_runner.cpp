@@ -15,8 +15,8 @@
 #include "experiments/kinds.hpp"
 #include "experiments/motion_extent.hpp"
 #include "experiments/on_arms.hpp"
-#include "experiments/run_data.hpp"
 #include "experiments/task_runs.hpp"
+#include "logs/export.hpp"
 #include "logs/npz.hpp"
 #include "scene/build.hpp"
 
@@ -290,20 +290,13 @@ class TaskRunner {
       };
     SessionViewer* viewer = on_arms_ && !measured ? nullptr : options_.viewer;
     if (viewer != nullptr) viewer->prepare(session_options);
-    std::optional<RunData> data;
-    std::optional<MotionExtent> extent;
-    std::optional<ArmWatch> watch;
-    session_options.observer = [&](const CycleRecord& cycle) {
-      data->take(cycle);
-      if (extent) extent->take(cycle);
-      if (watch) watch->take(cycle);
-    };
+    RunWatch watch;
+    session_options.observer = [&watch](const CycleRecord& cycle) { watch.take(cycle); };
     Session session(std::move(scene), registry_, std::move(session_options));
-    data.emplace(session.scene(), session.layout(), session.models(), kModelEvery);
     if (measured)
-      watch.emplace(session.scene(), session.layout(), session.models(), expected_);
+      watch.arms.emplace(session.scene(), session.layout(), session.models(), expected_);
     else if (on_arms_)
-      extent.emplace(session.scene(), session.models());
+      watch.extent.emplace(session.scene(), session.models());
     const Viewed viewed(viewer, session);
     if (progress_.stopped()) {
       std::error_code ignored;
@@ -311,11 +304,10 @@ class TaskRunner {
       return {};
     }
     session.start();
-    std::string trouble;
     while (!session.wait_for_end(measured ? 0.02 : 0.1)) {
-      if (watch && trouble.empty()) trouble = watch->trouble(session.status());
-      if (progress_.stopped() || !trouble.empty()) session.stop();
+      if (!watch.stopped(session) && progress_.stopped()) session.stop();
     }
+    std::string& trouble = watch.trouble;
     if (measured) {
       for (const auto& news : session.status().news) say("  " + news);
     }
@@ -328,7 +320,7 @@ class TaskRunner {
     fs::rename(summary.log, log);
     fs::remove_all(scratch);
     const fs::path arrays = options_.directory / "data" / (name + ".npz");
-    data->write(arrays);
+    (void)export_npz(log, arrays);
     record["log"] = fs::relative(log, options_.directory).string();
     record["npz"] = fs::relative(arrays, options_.directory).string();
     if (traced) {
@@ -342,8 +334,8 @@ class TaskRunner {
     record["overruns"] = summary.overruns;
     record["faults"] = summary.faults();
     if (!trouble.empty()) record["faults"].insert(record["faults"].begin(), trouble);
-    if (extent) record["extent"] = extent->json();
-    if (watch) record["extent"] = watch->extent().json();
+    if (watch.extent) record["extent"] = watch.extent->json();
+    if (watch.arms) record["extent"] = watch.arms->extent().json();
     record["interventions"] = Json::array();
     for (const auto& seen : summary.interventions)
       record["interventions"].push_back(

@@ -80,6 +80,21 @@ struct AdapterContext : RunContext {
   }
 };
 
+// The response with a backend's answer, which is counted. Our own services have the field `error`, standard
+// ones `message`.
+template <class Response>
+Response response_of(const AdapterContext& run, const RequestAnswer& answer) {
+  Response response;
+  response.success = answer.success;
+  if constexpr (requires { response.error; }) {
+    response.error = answer.reason;
+  } else {
+    response.message = answer.reason;
+  }
+  run.count_request(answer.success);
+  return response;
+}
+
 // A part of the adapter. Its constructor creates its ROS entities. Their callbacks run on the executor's
 // thread, take() on the publisher's thread; a part protects data used by both. Neither thread ever waits for
 // the loop.

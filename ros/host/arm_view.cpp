@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "ros/adapter/state/arm_messages.hpp"
+#include "ros/adapter/state/messages.hpp"
 #include "runtime/embedded/shared_arm_state.hpp"
 
 namespace multipanda::ros {

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "ros/rcl/action_server.hpp"
-#include "ros/rcl/client.hpp"
 #include "ros/rcl/publisher.hpp"
+#include "ros/rcl/service.hpp"
 
 namespace multipanda::ros {
 

@@ -2,12 +2,14 @@
 
 #include <atomic>
 #include <functional>
+#include <memory>
 #include <mutex>
 #include <rcl/publisher.h>
 #include <rcl/subscription.h>
 #include <rosidl_runtime_cpp/traits.hpp>
 #include <rosidl_typesupport_cpp/message_type_support.hpp>
 #include <string>
+#include <type_traits>
 #include <utility>
 
 #include "ros/rcl/context.hpp"
@@ -73,29 +75,50 @@ class SubscriptionBase : public Incoming {
   double waited_s_ = 0;
 };
 
-// The callback gets every available message (up to the depth) on the executor's thread, and none after
-// destruction. It must not throw for an invalid message, since there is no caller to answer.
-template <class M>
-class Subscription : public SubscriptionBase {
+// A subscription to a type known at run time; `message` is of that type, and is filled again and again, so
+// that its sequences keep their memory. The callback gets every available message (up to the depth), and the
+// time that it waited, on the executor's thread, and none after destruction. It must not throw for an invalid
+// message, since there is no caller to answer.
+class AnySubscription : public SubscriptionBase {
  public:
-  Subscription(Executor& executor, Node& node, const std::string& name, const Qos& qos, const Doc& doc,
-               std::function<void(const M&)> callback)
-      : SubscriptionBase(executor, node, name, rosidl_typesupport_cpp::get_message_type_support_handle<M>(),
-                         rosidl_generator_traits::name<M>(), qos, doc),
+  using Callback = std::function<void(const void* message, double waited_s)>;
+  AnySubscription(Executor& executor, Node& node, const std::string& name,
+                  const rosidl_message_type_support_t* type, const std::string& type_name, const Qos& qos,
+                  const Doc& doc, std::shared_ptr<void> message, Callback callback)
+      : SubscriptionBase(executor, node, name, type, type_name, qos, doc),
+        message_(std::move(message)),
         callback_(std::move(callback)) {
     open();
   }
-  ~Subscription() override { close(); }
+  ~AnySubscription() override { close(); }
 
  private:
   bool take() override {
-    if (!take_any(&message_)) return false;
-    callback_(message_);
+    if (!take_any(message_.get())) return false;
+    callback_(message_.get(), waited_s());
     return true;
   }
 
-  std::function<void(const M&)> callback_;
-  M message_;  // reused, so that its sequences keep their memory
+  std::shared_ptr<void> message_;
+  Callback callback_;
+};
+
+// The same for a type of this program; the callback takes a message, and the time that it waited if it likes.
+template <class M>
+class Subscription : public AnySubscription {
+ public:
+  template <class Callback>
+  Subscription(Executor& executor, Node& node, const std::string& name, const Qos& qos, const Doc& doc,
+               Callback callback)
+      : AnySubscription(executor, node, name, rosidl_typesupport_cpp::get_message_type_support_handle<M>(),
+                        rosidl_generator_traits::name<M>(), qos, doc, std::make_shared<M>(),
+                        [callback = std::move(callback)](const void* any, [[maybe_unused]] double waited_s) {
+                          const M& message = *static_cast<const M*>(any);
+                          if constexpr (std::is_invocable_v<const Callback&, const M&, double>)
+                            callback(message, waited_s);
+                          else
+                            callback(message);
+                        }) {}
 };
 
 }  // namespace multipanda::ros

@@ -24,17 +24,6 @@ namespace {
 
 namespace srv = multipanda_msgs::srv;  // some of its names are also in the core
 
-// Our own services have the field `error`, standard ones `message`.
-template <class Response>
-void set_result(Response& response, const RequestAnswer& answer) {
-  response.success = answer.success;
-  if constexpr (requires { response.error; }) {
-    response.error = answer.reason;
-  } else {
-    response.message = answer.reason;
-  }
-}
-
 }  // namespace
 
 SetCollisionThresholds most_thresholds(const AdapterContext& run, ArmIndex arm) {
@@ -52,10 +41,7 @@ void ArmServices::offer(const std::string& name, const std::string& alias, const
   Executor& served_by = executor != nullptr ? *executor : *run_.executor;
   const auto callback = [run, arm = arm_, read, timeout_s](const typename S::Request& request, auto reply) {
     const auto answered = [run, reply](const RequestAnswer& answer) {
-      typename S::Response response;
-      set_result(response, answer);
-      run->count_request(answer.success);
-      reply(std::move(response));
+      reply(response_of<typename S::Response>(*run, answer));
     };
     Request converted;
     try {

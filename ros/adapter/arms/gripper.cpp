@@ -47,11 +47,7 @@ Gripper::Gripper(const AdapterContext& run, ArmIndex arm)
             Doc{"", "Stops the fingers and releases the grasp. A running goal is aborted."},
             [this](const auto&, auto reply) {
               request_arm(run_, arm_, GripperStop{}, kArmTimeout, [this, reply](const RequestAnswer& answer) {
-                std_srvs::srv::Trigger::Response response;
-                response.success = answer.success;
-                response.message = answer.reason;
-                run_.count_request(answer.success);
-                reply(std::move(response));
+                reply(response_of<std_srvs::srv::Trigger::Response>(run_, answer));
               });
             }) {
   for (std::size_t finger = 1; finger <= kFingers; ++finger)

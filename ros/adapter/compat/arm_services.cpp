@@ -8,8 +8,8 @@
 #include "ros/adapter/arms/arm_requests.hpp"
 #include "ros/adapter/arms/arm_services.hpp"
 #include "ros/adapter/compat/goals.hpp"
+#include "ros/adapter/compat/message_type.hpp"
 #include "ros/adapter/compat/mode_services.hpp"
-#include "ros/adapter/compat/numbers.hpp"
 #include "ros/adapter/compat/state_fields.hpp"
 #include "scene/build.hpp"
 

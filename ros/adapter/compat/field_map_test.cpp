@@ -1,6 +1,4 @@
 // Types are found by name and compared with the generated structures of the same messages.
-#include "ros/adapter/compat/field_map.hpp"
-
 #include <compat_test_msgs/msg/franka_robot_state.hpp>
 #include <compat_test_msgs/msg/franka_state.hpp>
 #include <compat_test_msgs/msg/variant_state.hpp>
@@ -13,6 +11,8 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "ros/adapter/compat/message_type.hpp"
 
 namespace multipanda::ros::field_map_test {
 namespace {

@@ -11,7 +11,6 @@
 
 #include "core/cycle/control_cycle.hpp"
 #include "ros/adapter/compat/controllet_names.hpp"
-#include "ros/adapter/compat/measured_arms.hpp"
 #include "ros/adapter/compat/mode_services.hpp"
 #include "ros/adapter/state/testing/state_fixture.hpp"
 

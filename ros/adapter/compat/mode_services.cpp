@@ -11,7 +11,7 @@
 
 #include "common/text.hpp"
 #include "core/modes/request.hpp"
-#include "ros/adapter/compat/numbers.hpp"
+#include "ros/adapter/compat/message_type.hpp"
 #include "ros/adapter/controllets/parameter_services.hpp"
 #include "runtime/request_text.hpp"
 

@@ -129,12 +129,6 @@ StateRules common_rules(std::size_t joints, Names theirs) {
   return rules;
 }
 
-std::vector<std::string> parts(const std::string& path, std::initializer_list<const char*> names) {
-  std::vector<std::string> paths;
-  for (const char* name : names) paths.push_back(path + "." + name);
-  return paths;
-}
-
 }  // namespace
 
 std::string error_field(ArmError error) {
@@ -236,16 +230,13 @@ StateRules franka_robot_state_rules(std::size_t n) {
                      std::copy(values.begin(), values.end(), out.begin());
                    }});
   for (const auto& named : poses()) {
-    rules.push_back(
-        {parts(std::string(named.name) + ".pose", {"position.x", "position.y", "position.z", "orientation.w",
-                                                   "orientation.x", "orientation.y", "orientation.z"}),
-         7,
-         [pose = named.pose](const ArmReport& from, Out out) {
-           const auto X = pose(from);
-           if (!X) return fill_unknown(out);
-           std::ranges::copy(X->values(), out.begin());
-         },
-         named.needed});
+    rules.push_back({pose_parts(std::string(named.name) + ".pose"), 7,
+                     [pose = named.pose](const ArmReport& from, Out out) {
+                       const auto X = pose(from);
+                       if (!X) return fill_unknown(out);
+                       std::ranges::copy(X->values(), out.begin());
+                     },
+                     named.needed});
   }
   return rules;
 }

@@ -9,7 +9,7 @@
 
 #include "arm_interface/arm_error.hpp"
 #include "ros/adapter/compat/controllet_names.hpp"
-#include "ros/adapter/compat/field_map.hpp"
+#include "ros/adapter/compat/message_type.hpp"
 #include "ros/adapter/compat/untyped.hpp"
 #include "ros/adapter/state/arm_models.hpp"
 #include "ros/adapter/topic.hpp"

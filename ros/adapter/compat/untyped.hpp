@@ -19,28 +19,12 @@ class UntypedPublisher : public PublisherBase {
   void publish(const void* message) { publish_any(message); }
 };
 
-class UntypedSubscription : public SubscriptionBase {
+class UntypedSubscription : public AnySubscription {
  public:
-  // `waited_s`: waiting time of the message in this computer.
-  using Callback = std::function<void(const void* message, double waited_s)>;
   UntypedSubscription(Executor& executor, Node& node, const std::string& name, const MessageType& type,
                       const Qos& qos, const Doc& doc, Callback callback)
-      : SubscriptionBase(executor, node, name, type.type_support(), type.name(), qos, doc),
-        callback_(std::move(callback)),
-        message_(type.make()) {
-    open();
-  }
-  ~UntypedSubscription() override { close(); }
-
- private:
-  bool take() override {
-    if (!take_any(message_.get())) return false;
-    callback_(message_.get(), waited_s());
-    return true;
-  }
-
-  Callback callback_;
-  std::shared_ptr<void> message_;
+      : AnySubscription(executor, node, name, type.type_support(), type.name(), qos, doc, type.make(),
+                        std::move(callback)) {}
 };
 
 class UntypedService : public ServiceBase {

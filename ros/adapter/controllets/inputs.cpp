@@ -19,70 +19,24 @@ namespace {
 const Qos kStreamQos = Qos::sensor(1);
 const Qos kGoalQos = Qos::reliable(10);
 
-// A subscription with a message type known only to its codec.
-class CodecSubscription : public SubscriptionBase {
- public:
-  CodecSubscription(const AdapterContext& run, const std::string& name, const Qos& qos, const Doc& doc,
-                    const InputCodec& codec, InputPort& port, Delivery delivery)
-      : SubscriptionBase(*run.executor, *run.node, name, codec.type_support, codec.message_type, qos, doc),
-        codec_(codec),
-        port_(port),
-        delivery_(delivery),
-        message_(codec.make_message()) {
-    open();
-  }
-  ~CodecSubscription() override { close(); }
-
- private:
-  bool take() override {
-    if (!take_any(message_.get())) return false;
-    InputValues values;
-    try {
-      codec_.read(message_.get(), values);
-    } catch (const std::exception& error) {
-      values.refusal = error.what();
-    } catch (...) {
-      values.refusal = "its codec threw something other than std::exception; repair the codec";
-    }
-    if (values.refusal.empty()) {
-      port_.receive(values.numbers, values.frame, delivery_, waited_s(), this);
-    } else {
-      port_.refuse(values.refusal);
-    }
-    return true;
-  }
-
-  InputCodec codec_;
-  InputPort& port_;
-  Delivery delivery_;
-  std::shared_ptr<void> message_;
+// Receives the messages of one topic. Its address tells the topics of an input apart.
+struct Entrance {
+  InputPort& port;
+  Delivery delivery;
 };
 
-template <class M>
-class InputSubscription : public SubscriptionBase {
- public:
-  InputSubscription(const AdapterContext& run, const std::string& name, const Qos& qos, const Doc& doc,
-                    InputPort& port, Delivery delivery)
-      : SubscriptionBase(*run.executor, *run.node, name,
-                         rosidl_typesupport_cpp::get_message_type_support_handle<M>(),
-                         rosidl_generator_traits::name<M>(), qos, doc),
-        port_(port),
-        delivery_(delivery) {
-    open();
+void receive(const Entrance& entrance, const InputCodec& codec, const void* message, double waited_s) {
+  InputValues values;
+  try {
+    codec.read(message, values);
+  } catch (const std::exception& error) {
+    values.refusal = error.what();
+  } catch (...) {
+    values.refusal = "its codec threw something other than std::exception; repair the codec";
   }
-  ~InputSubscription() override { close(); }
-
- private:
-  bool take() override {
-    if (!take_any(&message_)) return false;
-    port_.receive(message_, delivery_, waited_s(), this);
-    return true;
-  }
-
-  InputPort& port_;
-  Delivery delivery_;
-  M message_;  // reused, so that its sequences keep their memory
-};
+  if (!values.refusal.empty()) return entrance.port.refuse(values.refusal);
+  entrance.port.receive(values.numbers, values.frame, entrance.delivery, waited_s, &entrance);
+}
 
 std::string unit_text(Quantity quantity) {
   switch (quantity) {
@@ -109,6 +63,17 @@ Doc doc_of(const InputPort& port, Delivery delivery) {
             (frames.size() > 1 ? ", " + joined(frames) : std::string());
   if (delivery == Delivery::goal) return {"once", "goal, approached smoothly: " + text};
   return {fmt::format("up to 1000 Hz; silent for {:g} s: held", spec.timeout_s), "stream: " + text};
+}
+
+// Calls subscribe(topic, QoS, doc, entrance) for the stream of an input and for its goals.
+template <class Subscribe>
+void both_topics(InputPort& port, const std::string& more, Subscribe subscribe) {
+  for (const Delivery delivery : {Delivery::stream, Delivery::goal}) {
+    const bool goal = delivery == Delivery::goal;
+    subscribe("~/" + port.name() + (more.empty() ? "" : "/" + more) + (goal ? "/goal" : ""),
+              goal ? kGoalQos : kStreamQos, doc_of(port, delivery),
+              std::make_shared<const Entrance>(Entrance{port, delivery}));
+  }
 }
 
 bool applies(const InputCodec& codec, const Instance& instance, const InputSpec& input) {
@@ -198,38 +163,25 @@ Inputs::Inputs(const AdapterContext& run, const std::vector<InputCodec>& codecs)
 }
 
 void Inputs::open(const AdapterContext& run, InputPort& port, const InputCodec& codec) {
-  const std::string topic = "~/" + port.name() + (codec.topic.empty() ? "" : "/" + codec.topic);
-  for (const Delivery delivery : {Delivery::stream, Delivery::goal}) {
-    const bool goal = delivery == Delivery::goal;
-    subscriptions_.push_back(
-        std::make_unique<CodecSubscription>(run, topic + (goal ? "/goal" : ""), goal ? kGoalQos : kStreamQos,
-                                            doc_of(port, delivery), codec, port, delivery));
-  }
+  both_topics(port, codec.topic,
+              [&](const std::string& topic, const Qos& qos, const Doc& doc, auto entrance) {
+                subscriptions_.push_back(std::make_unique<AnySubscription>(
+                    *run.executor, *run.node, topic, codec.type_support, codec.message_type, qos, doc,
+                    codec.make_message(), [codec, entrance](const void* message, double waited_s) {
+                      receive(*entrance, codec, message, waited_s);
+                    }));
+              });
 }
 
 void Inputs::open(const AdapterContext& run, InputPort& port) {
-  switch (port.spec().quantity) {
-    case Quantity::pose:
-      return subscribe<geometry_msgs::msg::PoseStamped>(run, port);
-    case Quantity::twist:
-      return subscribe<geometry_msgs::msg::TwistStamped>(run, port);
-    case Quantity::wrench:
-      return subscribe<geometry_msgs::msg::WrenchStamped>(run, port);
-    case Quantity::joints:
-      return subscribe<sensor_msgs::msg::JointState>(run, port);
-    case Quantity::scalar:
-      return subscribe<std_msgs::msg::Float64>(run, port);
-  }
-}
-
-template <class M>
-void Inputs::subscribe(const AdapterContext& run, InputPort& port) {
-  for (const Delivery delivery : {Delivery::stream, Delivery::goal}) {
-    const bool goal = delivery == Delivery::goal;
-    subscriptions_.push_back(std::make_unique<InputSubscription<M>>(
-        run, "~/" + port.name() + (goal ? "/goal" : ""), goal ? kGoalQos : kStreamQos, doc_of(port, delivery),
-        port, delivery));
-  }
+  both_topics(port, "", [&](const std::string& topic, const Qos& qos, const Doc& doc, auto entrance) {
+    with_message(port.spec().quantity, [&]<class M>() {
+      subscriptions_.push_back(std::make_unique<Subscription<M>>(
+          *run.executor, *run.node, topic, qos, doc, [entrance](const M& message, double waited_s) {
+            entrance->port.receive(message, entrance->delivery, waited_s, entrance.get());
+          }));
+    });
+  });
 }
 
 std::vector<Diagnostic> Inputs::diagnostics() const {

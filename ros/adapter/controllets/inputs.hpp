@@ -27,8 +27,6 @@ class Inputs : public AdapterPart {
  private:
   void open(const AdapterContext& run, InputPort& port);
   void open(const AdapterContext& run, InputPort& port, const InputCodec& codec);
-  template <class M>
-  void subscribe(const AdapterContext& run, InputPort& port);
 
   std::vector<std::unique_ptr<InputPort>> ports_;
   std::vector<std::unique_ptr<Incoming>> subscriptions_;  // destroyed before the ports

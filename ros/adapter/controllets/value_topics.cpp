@@ -1,47 +1,31 @@
-
 #include <algorithm>
 #include <cmath>
-#include <geometry_msgs/msg/pose_stamped.hpp>
-#include <geometry_msgs/msg/twist_stamped.hpp>
-#include <geometry_msgs/msg/wrench_stamped.hpp>
-#include <sensor_msgs/msg/joint_state.hpp>
-#include <std_msgs/msg/float64.hpp>
 #include <std_msgs/msg/float64_multi_array.hpp>
 
 #include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/controllets/inputs.hpp"
+#include "ros/adapter/state/messages.hpp"
 
 namespace multipanda::ros {
 namespace {
 
-template <class Header>
-void stamp(Header& header, std::int64_t ns) {
-  header.stamp.sec = static_cast<std::int32_t>(ns / 1'000'000'000);
-  header.stamp.nanosec = static_cast<std::uint32_t>(ns % 1'000'000'000);
-}
-
-template <class Three>
-void set(Three& to, const double* v) {
-  to.x = v[0];
-  to.y = v[1];
-  to.z = v[2];
-}
-
 void fill(const ReferenceSample& sample, geometry_msgs::msg::PoseStamped& message) {
-  set(message.pose.position, sample.values.data());
-  message.pose.orientation.w = sample.values[3];
-  set(message.pose.orientation, sample.values.data() + 4);
+  const auto& v = sample.values;
+  set_vector(message.pose.position, v.data());
+  set_rotation(message.pose.orientation, Quaternion(v[3], v[4], v[5], v[6]));
 }
 
 void fill(const ReferenceSample& sample, geometry_msgs::msg::TwistStamped& message) {
-  set(message.twist.linear, sample.values.data());
-  set(message.twist.angular, sample.values.data() + 3);
+  set_vector(message.twist.linear, sample.values.data());
+  set_vector(message.twist.angular, sample.values.data() + 3);
 }
 
 void fill(const ReferenceSample& sample, geometry_msgs::msg::WrenchStamped& message) {
-  set(message.wrench.force, sample.values.data());
-  set(message.wrench.torque, sample.values.data() + 3);
+  set_vector(message.wrench.force, sample.values.data());
+  set_vector(message.wrench.torque, sample.values.data() + 3);
 }
+
+void fill(const ReferenceSample& sample, std_msgs::msg::Float64& message) { message.data = sample.values[0]; }
 
 void fill(const ReferenceSample& sample, sensor_msgs::msg::JointState& message) {
   const auto n = static_cast<std::ptrdiff_t>(sample.size);
@@ -66,19 +50,15 @@ template <class M>
 struct ValueTopic {
   ValueTopic(const AdapterContext& run, const std::string& name, const Doc& doc)
       : publisher(*run.node, name, Qos::reliable(), doc) {}
+  // If somebody listens: fills the message, and sends it.
+  void show(auto fill_it) {
+    if (publisher.subscribers() == 0) return;
+    fill_it(message);
+    publisher.publish(message);
+  }
   Publisher<M> publisher;
   M message;
 };
-
-template <class M>
-auto shower(std::shared_ptr<ValueTopic<M>> topic) {
-  return [topic = std::move(topic)](const ReferenceSample& sample, std::int64_t stamp_ns) {
-    if (topic->publisher.subscribers() == 0) return;
-    stamp(topic->message.header, stamp_ns);
-    fill(sample, topic->message);
-    topic->publisher.publish(topic->message);
-  };
-}
 
 }  // namespace
 
@@ -106,36 +86,21 @@ ValueTopics::ShowReference ValueTopics::reference_publisher(const AdapterContext
   const std::string name = topic_of(instance.name(), spec.name) + "/reference";
   const Doc doc{references_due_.text(run.backend->period()) + " while active",
                 "The set-point that is followed now: " + spec.doc};
-  const auto make = [&]<class M>(const M& prototype) {
+  return with_message(spec.quantity, [&]<class M>() -> ShowReference {
     auto topic = std::make_shared<ValueTopic<M>>(run, name, doc);
-    topic->message = prototype;
-    return shower(std::move(topic));
-  };
-  const auto framed = [&]<class M>(M message) {
-    message.header.frame_id = spec.frame;
-    return make(message);
-  };
-  switch (spec.quantity) {
-    case Quantity::pose:
-      return framed(geometry_msgs::msg::PoseStamped());
-    case Quantity::twist:
-      return framed(geometry_msgs::msg::TwistStamped());
-    case Quantity::wrench:
-      return framed(geometry_msgs::msg::WrenchStamped());
-    case Quantity::joints: {
-      sensor_msgs::msg::JointState message;
+    if constexpr (std::is_same_v<M, sensor_msgs::msg::JointState>) {
       const ArmIndex arm = instance.arm_list()[spec.arm];
-      message.name = joint_names(run.modes->arm_name(arm), run.models[arm]->joint_count());
-      return make(message);
+      topic->message.name = joint_names(run.modes->arm_name(arm), run.models[arm]->joint_count());
+    } else if constexpr (requires { topic->message.header; }) {
+      topic->message.header.frame_id = spec.frame;
     }
-    case Quantity::scalar:
-      break;
-  }
-  auto topic = std::make_shared<ValueTopic<std_msgs::msg::Float64>>(run, name, doc);
-  return [topic](const ReferenceSample& sample, std::int64_t) {
-    topic->message.data = sample.values[0];
-    if (topic->publisher.subscribers() > 0) topic->publisher.publish(topic->message);
-  };
+    return [topic](const ReferenceSample& sample, [[maybe_unused]] std::int64_t stamp_ns) {
+      topic->show([&](M& message) {
+        if constexpr (requires { message.header; }) message.header.stamp = to_time(stamp_ns);
+        fill(sample, message);
+      });
+    };
+  });
 }
 
 void ValueTopics::add_outputs(const AdapterContext& run, const Instance& instance,
@@ -152,15 +117,13 @@ void ValueTopics::add_outputs(const AdapterContext& run, const Instance& instanc
     if (output.size == 1) {
       auto topic = std::make_shared<ValueTopic<std_msgs::msg::Float64>>(run, name, doc);
       outputs_.push_back({output.offset, 1, runs, [topic](const double* values) {
-                            topic->message.data = values[0];
-                            if (topic->publisher.subscribers() > 0) topic->publisher.publish(topic->message);
+                            topic->show([&](auto& message) { message.data = values[0]; });
                           }});
       continue;
     }
     auto topic = std::make_shared<ValueTopic<std_msgs::msg::Float64MultiArray>>(run, name, doc);
     outputs_.push_back({output.offset, output.size, runs, [topic, n = output.size](const double* values) {
-                          topic->message.data.assign(values, values + n);
-                          if (topic->publisher.subscribers() > 0) topic->publisher.publish(topic->message);
+                          topic->show([&](auto& message) { message.data.assign(values, values + n); });
                         }});
   }
 }

@@ -2,7 +2,6 @@
 
 #include "logs/arm_state_fields.hpp"
 #include "ros/adapter/adapter_part.hpp"
-#include "ros/adapter/state/arm_messages.hpp"
 #include "ros/adapter/state/arm_models.hpp"
 #include "ros/adapter/state/messages.hpp"
 

@@ -6,9 +6,13 @@
 #include <geometry_msgs/msg/pose.hpp>
 #include <geometry_msgs/msg/transform.hpp>
 #include <geometry_msgs/msg/wrench.hpp>
+#include <multipanda_msgs/msg/robot_model.hpp>
+#include <multipanda_msgs/msg/robot_state.hpp>
 #include <vector>
 
+#include "core/model/model_terms.hpp"
 #include "core/record/cycle_record.hpp"
+#include "core/state/arm_state.hpp"
 #include "core/types/spatial.hpp"
 
 // Conversions from the core's types to messages.
@@ -51,5 +55,16 @@ void set_matrix(std::vector<double>& out, const Matrix& matrix) {
     for (Eigen::Index column = 0; column < matrix.cols(); ++column) out.push_back(matrix(row, column));
   }
 }
+
+// Content of messages about one arm. Each function writes into a message that may have been used before, and
+// reuses its memory.
+
+// Sets the measured and reported state and the configuration of the arm. Leaves header, names, owner and
+// commands unchanged.
+void fill_state(const ArmSample& sample, const ArmFrames& frames, const Load& tool, const Load& load,
+                ModelTerms& terms, multipanda_msgs::msg::RobotState& out);
+void fill_state(const ArmState& state, ModelTerms& terms, multipanda_msgs::msg::RobotState& out);
+// Sets everything except header and names.
+void fill_model(ModelTerms& terms, multipanda_msgs::msg::RobotModel& out);
 
 }  // namespace multipanda::ros

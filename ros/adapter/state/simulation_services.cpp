@@ -76,48 +76,34 @@ SimulationServices::SimulationServices(const AdapterContext& run)
                  "Resets the simulated world to its start. Loop time continues, and controllets release the "
                  "arms."},
              [this](const auto&, auto reply) {
-               send({ResetSimulation{}}, kAnswerTimeout, [this, reply](const auto& answers) {
-                 std_srvs::srv::Trigger::Response out;
-                 out.success = answers[0].success;
-                 out.message = answers[0].reason;
-                 run_.count_request(out.success);
-                 reply(out);
-               });
+               forward<std_srvs::srv::Trigger>(ResetSimulation{}, kAnswerTimeout, reply);
              }),
       pause_(*run.executor, *run.node, "simulation/pause",
              Doc{"", "`true` pauses the simulated world and its clock; `false` continues."},
              [this](const auto& request, auto reply) {
-               send({PauseSimulation{static_cast<bool>(request.data)}}, kAnswerTimeout,
-                    [this, reply](const auto& answers) {
-                      std_srvs::srv::SetBool::Response out;
-                      out.success = answers[0].success;
-                      out.message = answers[0].reason;
-                      run_.count_request(out.success);
-                      reply(out);
-                    });
+               forward<std_srvs::srv::SetBool>(PauseSimulation{static_cast<bool>(request.data)},
+                                               kAnswerTimeout, reply);
              }),
       step_(*run.executor, *run.node, "simulation/step",
             Doc{"", "Runs a paused world for a number of control periods; responds when they are over."},
             [this](const auto& request, auto reply) {
-              if (request.periods == 0) {
-                multipanda_msgs::srv::StepSimulation::Response out;
-                out.error = "the number of periods is 0; expected at least 1";
-                run_.count_request(false);
-                return reply(out);
-              }
+              if (request.periods == 0)
+                return reply(response_of<Step::Response>(
+                    run_, {.reason = "the number of periods is 0; expected at least 1"}));
               // Ten times their duration in real time.
               const double timeout_s = kAnswerTimeout + 10 * request.periods * period_of(run_);
-              send({StepSimulation{request.periods}}, timeout_s, [this, reply](const auto& answers) {
-                multipanda_msgs::srv::StepSimulation::Response out;
-                out.success = answers[0].success;
-                out.error = answers[0].reason;
-                run_.count_request(out.success);
-                reply(out);
-              });
+              forward<Step>(StepSimulation{request.periods}, timeout_s, reply);
             }),
       place_(*run.executor, *run.node, "simulation/place_objects",
              Doc{"", "Places free objects, at rest. Refused where an object would intersect another one."},
              [this](const auto& request, auto reply) { place(request, reply); }) {}
+
+template <class S>
+void SimulationServices::forward(WorldRequest request, double timeout_s,
+                                 const typename Service<S>::Reply& reply) {
+  send({std::move(request)}, timeout_s,
+       [this, reply](const auto& answers) { reply(response_of<typename S::Response>(run_, answers[0])); });
+}
 
 void SimulationServices::send(std::vector<WorldRequest> requests, double timeout_s, Answered answered) {
   if (const std::string why = run_.executor->late(kRequestPatience); !why.empty())

@@ -23,17 +23,21 @@ class SimulationServices : public AdapterPart {
   explicit SimulationServices(const AdapterContext& run);
 
  private:
+  using Step = multipanda_msgs::srv::StepSimulation;
   using Answered = std::function<void(const std::vector<RequestAnswer>&)>;
   // Sends all requests in one cycle and calls `answered` on the executor's thread when all are answered, at
   // the latest after `timeout_s`.
   void send(std::vector<WorldRequest> requests, double timeout_s, Answered answered);
+  // Sends one request, and replies with its answer.
+  template <class S>
+  void forward(WorldRequest request, double timeout_s, const typename Service<S>::Reply& reply);
   void place(const multipanda_msgs::srv::PlaceObjects::Request& request,
              const Service<multipanda_msgs::srv::PlaceObjects>::Reply& reply);
 
   const AdapterContext& run_;
   Service<std_srvs::srv::Trigger> reset_;
   Service<std_srvs::srv::SetBool> pause_;
-  Service<multipanda_msgs::srv::StepSimulation> step_;
+  Service<Step> step_;
   Service<multipanda_msgs::srv::PlaceObjects> place_;
 };
 

@@ -16,10 +16,10 @@
 #include "models/testing/two_engines.hpp"
 #include "ros/adapter/adapter_part.hpp"
 #include "ros/adapter/record_relay.hpp"
-#include "ros/adapter/state/arm_messages.hpp"
 #include "ros/adapter/state/arm_models.hpp"
 #include "ros/adapter/state/arm_topics.hpp"
 #include "ros/adapter/state/loop_topics.hpp"
+#include "ros/adapter/state/messages.hpp"
 #include "ros/adapter/state/simulation_services.hpp"
 #include "ros/adapter/state/testing/state_fixture.hpp"
 

@@ -173,9 +173,7 @@ CallbackReturn MultimodeController::on_error(const rclcpp_lifecycle::State& prev
 }
 
 CallbackReturn MultimodeController::on_shutdown(const rclcpp_lifecycle::State& previous) {
-  (void)on_deactivate(previous);
-  release();
-  return CallbackReturn::SUCCESS;
+  return on_error(previous);
 }
 
 void MultimodeController::release() {

@@ -1,9 +1,8 @@
-#include "ros/adapter/state/arm_messages.hpp"
+#include "ros/adapter/state/messages.hpp"
 
 #include "arm_interface/arm_error.hpp"
 #include "core/cycle/sample_state.hpp"
 #include "logs/arm_state_fields.hpp"
-#include "ros/adapter/state/messages.hpp"
 
 namespace multipanda::ros {
 namespace {

@@ -2,7 +2,7 @@
 """Delays of the chains around a run: from a leader's joint to set-point and arm, from a workstation to torque, from a
 picture to the log; over a real sshd on loopback, and the first two without it. The leader's servos are emulated.
 
-PYTHONPATH=python .venv/bin/python benchmarks/chains.py build     # needs a computer that does nothing else, and sshd
+PYTHONPATH=python .venv/bin/python tools/benchmarks/chains.py build  # needs a computer that does nothing else, and sshd
 """
 
 import argparse
@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 
-ROOT = pathlib.Path(__file__).resolve().parents[1]
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "python"))
 
 import multipanda as mp

@@ -10,7 +10,8 @@
 
 #include <CLI/CLI.hpp>
 
-#include "cli/console.hpp"
+#include "cli/program.hpp"
+#include "runtime/backends.hpp"
 #include "runtime/session.hpp"
 
 namespace multipanda::cli {
@@ -58,5 +59,19 @@ class OpenedCockpit final : public SessionViewer {
 // Shows one log, or compares two, until Ctrl-C or the end of standard input. Returns the exit code.
 int show_logs(const std::vector<std::filesystem::path>& logs, std::optional<std::uint16_t> port,
               bool until_input_ends);
+
+// --backend, --log and --address of the commands that run arms.
+struct BackendArguments {
+  std::string backend;                 // empty: as in the scene
+  std::vector<std::string> addresses;  // "left=127.0.0.1"
+  std::string log;                     // of the backend replay
+};
+
+void add_backend_arguments(CLI::App* command, BackendArguments& arguments);
+// --backend and --address of experiments: simulated arms, virtual ones, or all of another process.
+void add_experiment_arguments(CLI::App* command, BackendArguments& arguments);
+
+// Throws UsageError for invalid arguments or a combination that is not allowed.
+BackendOptions backend_options(const BackendArguments& arguments);
 
 }  // namespace multipanda::cli
