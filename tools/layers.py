@@ -231,30 +231,24 @@ LAYERS = [
         "the program behind `multipanda bench`",
         "common core models scene logs backends/mujoco fci/wire runtime python_bindings ros/rcl benchmarks/bare",
     ),
-    layer(
-        "tools/benchmarks",
-        "instruments of docs/results/benchmarks.md that are started by hand",
-        "core models scene backends/mujoco fci/wire runtime python_bindings ros/rcl",
-    ),
-    layer("tools/ros_interfaces", "writes the tables of docs/ros_interfaces.md", "scene runtime ros/rcl ros/adapter"),
     layer("examples", "starting points for users, each built and run by the tests", "core fci/client ros/adapter"),
     layer("tests", "tests across folders"),
 ]
 
 # Third-party headers that only some layers may include (the beginning of the header's path).
 LIBRARIES = {
-    "mujoco": "common backends/mujoco sysid/identification benchmarks tools/benchmarks",
+    "mujoco": "common backends/mujoco sysid/identification benchmarks",
     "pinocchio": "core/model sysid/identification benchmarks/bare",
     "yaml-cpp": "yaml_reader models scene runtime/embedded experiments experiments/study commission sysid/measured"
     " sysid/comparison sysid/refine",
     "nlohmann": "yaml_reader scene logs report benchmarks/soak runtime runtime/embedded cockpit cockpit/server"
     " cockpit/view experiments experiments/study python_bindings motion_generators doctor commission"
-    " sysid/identification sysid/comparison sysid/refine cli benchmarks tools/benchmarks",
-    "CLI": "cli benchmarks tools/benchmarks",
+    " sysid/identification sysid/comparison sysid/refine cli benchmarks",
+    "CLI": "cli benchmarks",
     "fmt": "common scene benchmarks/soak runtime runtime/motion cockpit/server experiments"
     " experiments/study doctor commission sysid/identification sysid/comparison sysid/excitation sysid/refine"
-    " ros/adapter cli benchmarks tools/benchmarks",
-    "rcl": "ros/rcl ros/host ros benchmarks tools/benchmarks",
+    " ros/adapter cli benchmarks",
+    "rcl": "ros/rcl ros/host ros benchmarks",
     "rmw": "ros/rcl",
     "rclcpp": "ros",
 }

@@ -74,7 +74,7 @@ class Load(unittest.TestCase):
                 client.forget(states["right"])  # one reader at 1 kHz is enough for Python
                 # Every topic has a reader, since topics without one are not published.
                 listener = subprocess.Popen(
-                    [pathlib.Path(PROGRAM).parent / "ros_listener", str(SECONDS + 4)],
+                    [pathlib.Path(PROGRAM).parent / "benchmarks/ros_listener", str(SECONDS + 4)],
                     env={**os.environ, **ros_run.environment(domain)},
                     stdout=subprocess.PIPE,
                     text=True,

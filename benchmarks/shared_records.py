@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Figures of the shared records: cost of a read, its age, and the loop's cycle times with a busy client.
 
-PYTHONPATH=python .venv/bin/python tools/benchmarks/shared_records.py     # needs a computer that does nothing else
+PYTHONPATH=python .venv/bin/python benchmarks/shared_records.py     # needs a computer that does nothing else
 
 Everything that is compared is measured in turns within one run, so what else the computer does shifts both alike.
 """

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Steps per second of the vector environments and of their worlds alone, in the same run: the cost of Python.
 
-PYTHONPATH=python .venv/bin/python tools/benchmarks/gym_throughput.py
-PYTHONPATH=python .venv/bin/python tools/benchmarks/gym_throughput.py --require 0.9
+PYTHONPATH=python .venv/bin/python benchmarks/gym_throughput.py
+PYTHONPATH=python .venv/bin/python benchmarks/gym_throughput.py --require 0.9
 
 Both are measured in turns, a second each; the figure is the median of the turns. With --require it fails below that
 ratio. docs/results/benchmarks.md has the figures, and those of other environments.

@@ -2,7 +2,11 @@
 """Delays of the chains around a run: from a leader's joint to set-point and arm, from a workstation to torque, from a
 picture to the log; over a real sshd on loopback, and the first two without it. The leader's servos are emulated.
 
+<<<<<<< HEAD:tools/benchmarks/chains.py
 PYTHONPATH=python .venv/bin/python tools/benchmarks/chains.py build  # needs a computer that does nothing else, and sshd
+=======
+PYTHONPATH=python .venv/bin/python benchmarks/chains.py build     # needs a computer that does nothing else, and sshd
+>>>>>>> parent of f07fad34 (Instruments that are started by hand, and the writer of the ROS page, are tools):benchmarks/chains.py
 """
 
 import argparse
@@ -14,7 +18,7 @@ import subprocess
 import sys
 import time
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "python"))
 
 import multipanda as mp

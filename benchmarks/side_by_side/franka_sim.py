@@ -19,7 +19,7 @@ import time
 import numpy as np
 import pylibfranka as franka
 
-ROOT = pathlib.Path(__file__).resolve().parents[3]
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "fci"))
 from virtual_arms import VirtualArms
 

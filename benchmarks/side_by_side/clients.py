@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Holds a strict virtual FR3 at 1 kHz by one client after the other and prints what each costs, and the ratios.
 
-    python tools/benchmarks/side_by_side/clients.py BUILD [--rounds 10] [--seconds 20] [--keep FOLDER]
+    python benchmarks/side_by_side/clients.py BUILD [--rounds 10] [--seconds 20] [--keep FOLDER]
 
 Installs pinned peers by pip and cargo into FOLDER (otherwise a temporary one) and says which do not install. Only the
 model functions are timed by the clients. CPU time is the scheduler's of all their threads, memory the kernel's peak,
@@ -27,7 +27,7 @@ import time
 import venv
 
 HERE = pathlib.Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parents[2] / "tests" / "fci"))
+sys.path.insert(0, str(HERE.parents[1] / "tests" / "fci"))
 from virtual_arms import PATIENCE_S, VirtualArms
 
 SCENE = """name: side_by_side

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Cycle times of the loop while cockpit pages are connected: with four of them, relative to none.
 
-PYTHONPATH=python .venv/bin/python tools/benchmarks/cockpit_watchers.py build/multipanda     # needs an idle computer
+PYTHONPATH=python .venv/bin/python benchmarks/cockpit_watchers.py build/multipanda     # needs an idle computer
 
 Both are measured in turns within one run, so what else the computer does shifts both alike. The pages are processes
 that take 60 states a second and every cycle of 14 numbers.
@@ -18,7 +18,7 @@ import time
 import multipanda as mp
 import numpy as np
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests/cockpit"))
 from page_client import Page
 

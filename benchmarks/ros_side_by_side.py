@@ -18,7 +18,7 @@ import subprocess
 import sys
 import tempfile
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+ROOT = pathlib.Path(__file__).resolve().parent.parent
 RATES = "joint_states robot_state model wrench tf references outputs gripper object_poses clock".split()
 
 
@@ -62,7 +62,7 @@ def run(build, scene, seconds, ros):
             # The listener waits for the run, then 2 s, and must finish before the end.
             listening_for = max(1.0, seconds - 5.0)
             listener = subprocess.run(
-                [str(build / "ros_listener"), str(listening_for)],
+                [str(build / "benchmarks" / "ros_listener"), str(listening_for)],
                 stdout=subprocess.PIPE,
                 text=True,
                 env=environment(),

@@ -1,4 +1,4 @@
-#include "tools/ros_interfaces/interfaces_page.hpp"
+#include "ros/adapter/interfaces_page.hpp"
 
 #include <cstdlib>
 #include <fstream>

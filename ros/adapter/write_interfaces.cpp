@@ -6,7 +6,7 @@
 #include <sstream>
 #include <string>
 
-#include "tools/ros_interfaces/interfaces_page.hpp"
+#include "ros/adapter/interfaces_page.hpp"
 
 int main(int argc, char** argv) try {
   if (argc != 2) throw std::invalid_argument("usage: ros_interfaces_tool PAGE");
