@@ -1,7 +1,7 @@
 #include <algorithm>
 
 #include "core/controllets/builtins.hpp"
-#include "core/controllets/cartesian_law.hpp"
+#include "core/controllets/raised_spring.hpp"
 
 namespace multipanda {
 namespace {
@@ -43,6 +43,7 @@ class CartesianImpedance final : public Controllet {
 
   LawResult start(ControlContext& context) override {
     q_start_ = q_N_ = context.arms[0].q();
+    raised_ = {};
     return LawResult::ok;
   }
 
@@ -55,7 +56,7 @@ class CartesianImpedance final : public Controllet {
     TaskForce force;
     const LawResult result = cartesian_impedance_law(
         impedance_gains(parameters, context.contact), null_space_gains(parameters, context.contact),
-        CartesianTarget::of(context.inputs[kPose]), arm, q_N_, force);
+        CartesianTarget::of(context.inputs[kPose]), arm, q_N_, context.dt, raised_, force);
     force.report(context.inputs[kPose]);
     show(force, context.outputs);
     return result;
@@ -91,6 +92,7 @@ class CartesianImpedance final : public Controllet {
   }
 
   JointVector q_start_, q_N_;
+  RaisedSpring raised_;
 };
 
 }  // namespace

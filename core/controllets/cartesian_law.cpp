@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/controllets/contact_bounds.hpp"
+#include "core/controllets/raised_spring.hpp"
 #include "core/model/prismatic_joints.hpp"
 #include "core/types/triangular.hpp"
 
@@ -117,10 +118,12 @@ Matrix6 damped_inertia(ModelTerms& terms) {
   return task_with_motors(terms).Lambda;
 }
 
-TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms) {
+TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms,
+                          double dt, RaisedSpring& raised) {
+  const CartesianTarget seen = raised.follow(asked, requested, terms, dt);
   ImpedanceGains gains = asked;
-  const double stiffness_share = gains.soften(requested.X_W_d.rotation, terms);
-  const CartesianTarget target = gains.led(requested);
+  const double stiffness_share = gains.soften(seen.X_W_d.rotation, terms);
+  const CartesianTarget target = gains.led(seen);
   const Vector6& V = terms.V_WE().vector;
   const TaskStiffness K = gains.stiffness(target.X_W_d.rotation);
   const Matrix6 D = gains.damping(target.X_W_d.rotation, K.matrix(), terms);
@@ -128,6 +131,7 @@ TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& re
   force.stiffness_share = stiffness_share;
   force.error = pose_error(target.X_W_d, terms.X_WE());
   force.spring = spring_wrench(K, force.error);
+  if (!raised.none()) force.error = pose_error(requested.X_W_d, terms.X_WE());
   force.total = force.spring;
   if (gains.damping_of == DampingOf::velocity) {
     force.total.noalias() -= D * V;
@@ -145,6 +149,7 @@ TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& re
     force.spring -= taken;
     force.total -= taken;
   }
+  raised.resist(force.pull, force.bounded.force_share, force.bounded.moment_share, dt);
   return force;
 }
 
@@ -237,9 +242,9 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
 
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,
                                   const CartesianTarget& target, OwnedArm& arm, const JointVector& q_N,
-                                  TaskForce& force) {
+                                  double dt, RaisedSpring& raised, TaskForce& force) {
   ModelTerms& terms = *arm.terms;
-  force = impedance_force(gains, target, terms);
+  force = impedance_force(gains, target, terms, dt, raised);
   *arm.tau = terms.c() + null_space_torque(null_space, arm, q_N);
   *arm.tau += terms.J_V_WE().transpose().lazyProduct(force.total);
   return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;

@@ -9,6 +9,8 @@
 // Cartesian impedance of one arm, shared by all Cartesian controllets. Loop thread, no allocation.
 namespace multipanda {
 
+class RaisedSpring;
+
 enum class Projector : std::uint8_t {
   dynamic,              // N = I - J^T J_bar^T: the null-space torque does not accelerate the end effector
   paper_pseudoinverse,  // N = (I - J^+ J)^T, as in the paper: accelerates the end effector through the
@@ -80,7 +82,7 @@ struct NullSpaceGains {
 
 // Forces of the law on one frame: world axes, at the origin of the frame.
 struct TaskForce {
-  Vector6 error;                   // pose_error(X_d, X)
+  Vector6 error;                   // pose_error(X_d, X), of the set-point of the rule
   Vector6 spring;                  // gradient part [N, N m], after the bounds for contact
   Vector6 total;                   // spring + D (V_d - V) + Lambda A_d [+ C_c V_d]
   Vector6 pull = Vector6::Zero();  // total without damping, before the bounds
@@ -95,8 +97,10 @@ struct TaskForce {
 };
 
 // K_c x~ + D_c (V_d - V) + Lambda A_d [+ C_c V_d]; with DampingOf::velocity -D_c V. `asked` is limited for
-// stability (damping_design.hpp).
-TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms);
+// stability (damping_design.hpp), and where it rises, the set-point that acts is at first nearer than
+// `requested` (raised_spring.hpp).
+TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& requested, ModelTerms& terms,
+                          double dt, RaisedSpring& raised);
 
 // tau_null = N (K_N (q_N - q) - D_N N^T dq), D_N = 2 zeta sqrt(K_N diag M) or given. With N^T, the damping is
 // dissipative for any projector; -D_N dq inside N is not, unless N is symmetric and D_N the same for all
@@ -111,7 +115,7 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
 // The complete law: tau = J^T F + tau_null + C dq. Returns fault if the torque is not finite.
 LawResult cartesian_impedance_law(const ImpedanceGains& gains, const NullSpaceGains& null_space,
                                   const CartesianTarget& target, OwnedArm& arm, const JointVector& q_N,
-                                  TaskForce& force);
+                                  double dt, RaisedSpring& raised, TaskForce& force);
 
 // --- descriptor parts shared by Cartesian controllets ---
 enum CartesianParameter : std::size_t {

@@ -4,7 +4,7 @@
 
 #include <Eigen/LU>
 
-#include "core/controllets/cartesian_law.hpp"
+#include "core/controllets/raised_spring.hpp"
 
 namespace multipanda {
 namespace {
@@ -96,6 +96,20 @@ void brake(const Matrix3& R_d, const ImpedanceGains& absolute, const ImpedanceGa
   D.topLeftCorner<6, 6>() += absolute.brake(R_d, Lambda.topLeftCorner<6, 6>());
   D.bottomRightCorner<6, 6>() += relative.brake(R_d, Lambda.bottomRightCorner<6, 6>());
   limit_modes(Lambda, kLargestModalDamping, D);
+}
+
+CartesianTarget come_back(RaisedSpring& absolute, RaisedSpring& relative, const CartesianTarget& rule,
+                          const ControlContext& context) {
+  if (absolute.none() && relative.none()) return rule;
+  double lever = 0;
+  for (const OwnedArm& arm : context.arms)
+    lever = std::max(lever, (arm.terms->X_WE().position - rule.X_W_d.position).norm());
+  const double most = context.contact.hand_speed;
+  absolute.come_back(rule.V_d.vector, most, lever, context.dt);
+  const CartesianTarget seen = absolute.seen(rule);
+  const double moved = seen.V_d.linear().norm() + lever * seen.V_d.angular().norm();
+  relative.come_back(Vector6::Zero(), 2 * std::max(0.0, most - moved), lever, context.dt);
+  return seen;
 }
 
 InputSpec shared_frame_input() {

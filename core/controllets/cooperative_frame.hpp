@@ -5,6 +5,8 @@
 
 namespace multipanda {
 
+class RaisedSpring;
+struct CartesianTarget;
 struct ImpedanceGains;
 
 // Cooperative coordinates of two hands that share a frame A. Each hand E_i carries A at a fixed offset
@@ -66,6 +68,12 @@ double soften(const CooperativeFrame& frame, OwnedArm& first, OwnedArm& second, 
 // Adds ImpedanceGains::brake() of both to D (12 x 12), limited by the inertia.
 void brake(const Matrix3& R_d, const ImpedanceGains& absolute, const ImpedanceGains& relative,
            const Matrix12& Lambda, Matrix12& D);
+
+// A tick of the return of raised springs, of A and between the hands (raised_spring.hpp). Each hand moves
+// with A, and by half of what is between them: that has what A leaves of the hand's speed. Returns what A
+// sees.
+CartesianTarget come_back(RaisedSpring& absolute, RaisedSpring& relative, const CartesianTarget& rule,
+                          const ControlContext& context);
 
 // --- descriptor parts shared by laws of two coupled hands ---
 InputSpec shared_frame_input();  // X_WA

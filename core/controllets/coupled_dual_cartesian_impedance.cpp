@@ -3,10 +3,10 @@
 #include <cmath>
 
 #include "core/controllets/builtins.hpp"
-#include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/cooperative_frame.hpp"
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/offset_reference.hpp"
+#include "core/controllets/raised_spring.hpp"
 
 namespace multipanda {
 namespace {
@@ -62,6 +62,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
   LawResult start(ControlContext& context) override {
     for (std::size_t i = 0; i < 2; ++i) q_N_[i] = context.arms[i].q();
     offset_.start(Vector3::Zero());  // where the hands are
+    absolute_ = relative_ = {};
     return LawResult::ok;
   }
 
@@ -85,19 +86,31 @@ class CoupledDualCartesianImpedance final : public Controllet {
     relative_gains.translational_stiffness = parameters.vector3(kRelativeTranslational);
     relative_gains.rotational_stiffness = parameters.vector3(kRelativeRotational);
     const Matrix12 Lambda = frame.inertia(first.terms->task().Lambda, second.terms->task().Lambda);
+    const auto before = absolute_.changed(gains), relative_before = relative_.changed(relative_gains);
+    ImpedanceGains was = before.value_or(gains), relative_was = relative_before.value_or(relative_gains);
     const double stiffness_share = soften(frame, first, second, R_d, Lambda, gains, relative_gains);
-    const CartesianTarget target = gains.led(CartesianTarget::of(context.inputs[kPose]));
+    const CartesianTarget rule = CartesianTarget::of(context.inputs[kPose]);
+    CartesianTarget seen = come_back(absolute_, relative_, rule, context);
+    const bool changed = before || relative_before;
+    if (changed) {
+      soften(frame, first, second, R_d, Lambda, was, relative_was);
+      absolute_.raise(was, gains, frame.X_WA, seen);
+    }
+    const CartesianTarget target = gains.led(seen);
     const TaskStiffness K_a = gains.stiffness(target.X_W_d.rotation);
     const TaskStiffness K_r = relative_gains.stiffness(target.X_W_d.rotation);
 
     TaskForce absolute, relative;
     absolute.stiffness_share = relative.stiffness_share = stiffness_share;
-    absolute.error = pose_error(target.X_W_d, frame.X_WA);
-    absolute.spring = spring_wrench(K_a, absolute.error);
+    absolute.error = pose_error(rule.X_W_d, frame.X_WA);
+    absolute.spring = spring_wrench(K_a, pose_error(target.X_W_d, frame.X_WA));
     offset_.advance(parameters.goal_vector3(kRelativeOffset), context.inputs[kPose].spec().max_speed,
                     context.dt);
-    const Vector3 p_r_d = target.X_W_d.rotation * offset_.position();
-    spring_between(K_r, p_r_d, frame, relative);
+    const Vector3 p_r_d = R_d * offset_.position();
+    relative.error << p_r_d - frame.relative.head<3>(), -frame.relative.tail<3>();
+    Vector6 relative_error = relative.error + relative_.offset();
+    if (changed) relative_error = relative_.raise(relative_was, relative_gains, R_d, relative_error);
+    relative.spring = spring_between(K_r, relative_error);
 
     // Damping is designed for all twelve coordinates together: a rotation of A moves the whole inertia of
     // both hands if the relative stiffness is high, and little of it if it is low. Separate blocks ignore
@@ -111,8 +124,9 @@ class CoupledDualCartesianImpedance final : public Controllet {
     } else {
       velocity_error << target.V_d.vector - frame.absolute_velocity(V_1, V_2),
           -frame.relative_velocity(V_1, V_2);
-      velocity_error.segment<3>(6) += target.X_W_d.rotation * offset_.velocity();
+      velocity_error.segment<3>(6) += R_d * offset_.velocity();
       velocity_error.segment<3>(6) += target.V_d.angular().cross(p_r_d);  // the offset turns with A
+      velocity_error.tail<6>() += relative_.velocity();
     }
     relative_gains.translational_damping = parameters.vector3(kRelativeTranslationalDamping);
     relative_gains.rotational_damping = parameters.vector3(kRelativeRotationalDamping);
@@ -136,7 +150,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
     if (std::isfinite(gains.contact.spring_force + gains.contact.spring_moment)) {
       Vector12 V;
       V << frame.absolute_velocity(V_1, V_2), frame.relative_velocity(V_1, V_2);
-      bound(context, frame, D * V, absolute, F);
+      bound(context, frame, D * V, absolute, relative, F);
     }
     for (std::size_t i = 0; i < 2; ++i) {
       OwnedArm& arm = context.arms[i];
@@ -163,10 +177,10 @@ class CoupledDualCartesianImpedance final : public Controllet {
 
   // Bounds the pull at each hand. The set-point waits where it moves along the pull on A.
   void bound(ControlContext& context, const CooperativeFrame& frame, const Vector12& damping,
-             const TaskForce& absolute, std::array<Vector6, 2>& F) const {
+             const TaskForce& absolute, const TaskForce& relative, std::array<Vector6, 2>& F) {
     const std::array damping_at{frame.first_wrench(damping.head<6>(), damping.tail<6>()),
                                 frame.second_wrench(damping.head<6>(), damping.tail<6>())};
-    double lever = 0;
+    double lever = 0, largest = 0;
     for (std::size_t i = 0; i < 2; ++i) {
       const Vector6 pull = F[i] + damping_at[i];
       const BoundedPull bounded =
@@ -174,26 +188,29 @@ class CoupledDualCartesianImpedance final : public Controllet {
       if (bounded.factor() < 1) F[i] = bounded.remaining(pull) - damping_at[i];
       const double share = std::max(bounded.force_share, bounded.moment_share);
       context.inputs[kPose].resist(absolute.spring, share, share);
+      largest = std::max(largest, share);
       const Vector3& p_A = context.inputs[kPose].pose().position;
       lever = std::max(lever, (context.arms[i].terms->X_WE().position - p_A).norm());
     }
+    absolute_.resist(absolute.spring, largest, largest, context.dt);
+    relative_.resist(relative.spring, largest, largest, context.dt);
     // Each hand moves by half of the offset between them.
     Reference& pose = context.inputs[kPose];
     pose.bound_hand_speed(context.contact.hand_speed - 0.5 * offset_.top_speed(pose.spec().max_speed), lever);
   }
 
   // Conjugate to V_r: minus the gradient of 1/2 p~_r^T K_t p~_r + 1/2 phi_s^T K_r phi_s.
-  static void spring_between(const TaskStiffness& K, const Vector3& p_r_d, const CooperativeFrame& frame,
-                             TaskForce& force) {
-    const FadedRotation phi(frame.relative.tail<3>());
-    force.error << p_r_d - frame.relative.head<3>(), -frame.relative.tail<3>();
-    force.spring.head<3>() = K.translation * force.error.head<3>();
-    force.spring.tail<3>() = -(phi.dvalue_dr * (K.rotation * phi.value));
+  static Vector6 spring_between(const TaskStiffness& K, const Vector6& error) {
+    const FadedRotation phi(-error.tail<3>());
+    Vector6 spring;
+    spring << K.translation * error.head<3>(), -(phi.dvalue_dr * (K.rotation * phi.value));
+    return spring;
   }
 
   std::array<Pose, 2> X_EA_;
   std::array<JointVector, 2> q_N_;
   OffsetReference offset_;
+  RaisedSpring absolute_, relative_;
 };
 
 }  // namespace

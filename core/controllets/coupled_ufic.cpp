@@ -9,6 +9,7 @@
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/energy_balance.hpp"
 #include "core/controllets/felt_wrench.hpp"
+#include "core/controllets/raised_spring.hpp"
 
 namespace multipanda::coupled_ufic {
 namespace {
@@ -27,13 +28,14 @@ struct Springs {
   double along = 0;                         // relative, along n, scaled by its share [N/m]
   Pose X_d;                                 // of A
   Vector3 p_r_d = Vector3::Zero();          // p_2 - p_1
+  Vector3 phi_d = Vector3::Zero();          // of a stiffness that was raised
   Vector3 n = Vector3::UnitY();
   double scale = 1;   // s
   double energy = 0;  // V at the tick's pose, unscaled [J]
 
   double energy_at(const CooperativeFrame& frame) const {
     const Vector3 e = p_r_d - frame.relative.head<3>();
-    const Vector3 phi = FadedRotation(frame.relative.tail<3>()).value;
+    const Vector3 phi = FadedRotation(frame.relative.tail<3>() - phi_d).value;
     const double e_n = n.dot(e);
     return spring_energy(absolute, pose_error(X_d, frame.X_WA)) +
            0.5 * (e.dot(across * e) + along * e_n * e_n + phi.dot(relative_turn * phi));
@@ -41,7 +43,7 @@ struct Springs {
   // Conjugate to [V_a; V_r]: minus the gradient of the energy.
   Vector12 wrench(const CooperativeFrame& frame) const {
     const Vector3 e = p_r_d - frame.relative.head<3>();
-    const FadedRotation phi(frame.relative.tail<3>());
+    const FadedRotation phi(frame.relative.tail<3>() - phi_d);
     Vector12 F;
     F.head<6>() = spring_wrench(absolute, pose_error(X_d, frame.X_WA));
     F.segment<3>(6) = across * e + along * n.dot(e) * n;
@@ -102,6 +104,7 @@ class CoupledUfic final : public Controllet {
     gamma_ = touch_distance_ = shift_ = shift_from_ = shift_to_ = integral_ = 0;
     shift_fade_.reset(true);
     affordable_ = 1;
+    absolute_ = relative_ = {};
     object_mass_ = context.parameters->number(kObjectMass);
     Settings settings(*context.parameters, context.contact);
     const CooperativeFrame frame = frame_of(context);
@@ -112,7 +115,8 @@ class CoupledUfic final : public Controllet {
       q_N_[i] = context.arms[i].q();
       felt_[i].start(context.arms[i]);
     }
-    springs_ = springs_now(settings, CartesianTarget::of(context.inputs[kPose]));
+    const CartesianTarget target = CartesianTarget::of(context.inputs[kPose]);
+    springs_ = springs_now(settings, target, target);
     springs_.scale = balance_.impedance.valve(settings.tanks.limits);
     springs_.energy = springs_.energy_at(frame);
     return LawResult::ok;
@@ -125,8 +129,21 @@ class CoupledUfic final : public Controllet {
     if (!frame.holds_together()) return LawResult::fault;
     Settings settings(*context.parameters, context.contact);
     const Matrix12 Lambda = inertia(context, frame);
+    Settings was = settings;
+    const auto before = absolute_.changed(settings.absolute);
+    const auto relative_before = relative_.changed(settings.relative);
+    was.absolute = before.value_or(was.absolute);
+    was.relative = relative_before.value_or(was.relative);
     context.outputs[kStiffnessShare] = soften(settings, context, frame, Lambda);
-    const CartesianTarget target = settings.absolute.led(CartesianTarget::of(context.inputs[kPose]));
+    const CartesianTarget rule = CartesianTarget::of(context.inputs[kPose]);
+    const CartesianTarget target = settings.absolute.led(rule);
+    CartesianTarget seen = come_back(absolute_, relative_, rule, context);
+    const bool changed = before || relative_before;
+    if (changed) {
+      soften(was, context, frame, Lambda);
+      absolute_.raise(was.absolute, settings.absolute, frame.X_WA, seen);
+    }
+    seen = settings.absolute.led(seen);
     const double dt = context.dt;
 
     update_energy_balance(context, frame, settings);
@@ -142,24 +159,31 @@ class CoupledUfic final : public Controllet {
     if (states_motors(first.model()) || states_motors(second.model()))
       raise_modes(Lambda, Matrix12(kLeastDampingTime * stiffness(settings, target)), D);
     brake(R_d, settings.absolute, settings.relative, Lambda, D);
-    const double set_point_work =
-        move_springs(springs_now(settings, target), frame, D * V, settings, context, dt);
+    Springs next = springs_now(settings, target, seen);
+    if (changed) {
+      Vector6 error;
+      error << next.p_r_d - frame.relative.head<3>(), next.phi_d - frame.relative.tail<3>();
+      const Vector6 kept = relative_.raise(was.relative, settings.relative, R_d, error);
+      next.p_r_d += kept.head<3>() - error.head<3>();
+      next.phi_d += kept.tail<3>() - error.tail<3>();
+    }
+    const double set_point_work = move_springs(next, frame, D * V, settings, context, dt);
     wait_for_hands(context, frame);
     const double s = springs_.scale;
     const Vector3& n = springs_.n;
 
-    V_d << target.V_d.vector, Vector6::Zero();
-    V_d.segment<3>(6) = target.V_d.angular().cross(springs_.p_r_d) + grasp_.distance_rate_d() * n;
+    V_d << seen.V_d.vector, relative_.velocity();
+    V_d.segment<3>(6) += target.V_d.angular().cross(springs_.p_r_d) + grasp_.distance_rate_d() * n;
 
     const bool of_error = settings.absolute.damping_of == DampingOf::error;
     Vector12 feedforward = of_error ? Vector12(D * V_d) : Vector12(Vector12::Zero());
     if (settings.absolute.coriolis_feedforward) {
-      feedforward += frame.task_coriolis(*first.terms, *second.terms, target.V_d.vector);
+      feedforward += frame.task_coriolis(*first.terms, *second.terms, seen.V_d.vector);
     }
     if (settings.absolute.acceleration_feedforward) {
-      feedforward += Lambda.leftCols<6>() * target.A_d.vector;
+      feedforward += Lambda.leftCols<6>() * seen.A_d.vector;
     }
-    feedforward.head<3>() += carried(settings, target, frame, dt);
+    feedforward.head<3>() += carried(settings, seen, frame, dt);
     // D_z dissipates against the velocity; with the velocity of the set-point it may supply energy.
     if (of_error) {
       feedforward.segment<3>(6) += settings.squeeze_damping * n.dot(Vector3(V_d.segment<3>(6))) * n;
@@ -237,7 +261,9 @@ class CoupledUfic final : public Controllet {
     return K;
   }
 
-  Springs springs_now(const Settings& settings, const CartesianTarget& target) const {
+  // `seen`: by the spring of A.
+  Springs springs_now(const Settings& settings, const CartesianTarget& target,
+                      const CartesianTarget& seen) const {
     const Matrix3& R_d = target.X_W_d.rotation;
     const TaskStiffness K_r = settings.relative.stiffness(R_d);
     Springs next;
@@ -247,8 +273,9 @@ class CoupledUfic final : public Controllet {
     next.across = P * K_r.translation * P;
     next.relative_turn = K_r.rotation;
     next.along = grasp_.spring_share() * next.n.dot(K_r.translation * next.n);
-    next.X_d = {R_d, target.X_W_d.position + shift_ * next.n};
-    next.p_r_d = P * (R_d * p_r_start_) + grasp_.distance_d() * next.n;
+    next.X_d = {seen.X_W_d.rotation, seen.X_W_d.position + shift_ * next.n};
+    next.p_r_d = P * (R_d * p_r_start_) + grasp_.distance_d() * next.n + relative_.offset().head<3>();
+    next.phi_d = relative_.offset().tail<3>();
     return next;
   }
 
@@ -310,6 +337,8 @@ class CoupledUfic final : public Controllet {
     Reference& pose = context.inputs[kPose];
     pose.resist(spring_wrench(springs_.absolute, pose_error(springs_.X_d, frame.X_WA)), spring_share_,
                 spring_share_);
+    absolute_.resist(springs_.wrench(frame).head<6>(), spring_share_, spring_share_, context.dt);
+    relative_.resist(springs_.wrench(frame).tail<6>(), spring_share_, spring_share_, context.dt);
     double lever = 0;
     for (const OwnedArm& arm : context.arms) {
       lever = std::max(lever, (arm.terms->X_WE().position - springs_.X_d.position).norm());
@@ -462,6 +491,7 @@ class CoupledUfic final : public Controllet {
   std::array<JointVector, 2> q_N_;
   TankBalance balance_{2};
   Vector3 p_r_start_ = Vector3::Zero(), n_A_ = Vector3::UnitY();
+  RaisedSpring absolute_, relative_;
   GraspSequence grasp_;
   GraspSequence::Measured measured_;
   ForceLoop loop_;

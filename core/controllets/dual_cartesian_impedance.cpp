@@ -4,6 +4,7 @@
 
 #include "core/controllets/builtins.hpp"
 #include "core/controllets/offset_reference.hpp"
+#include "core/controllets/raised_spring.hpp"
 #include "core/controllets/set_point_blend.hpp"
 
 namespace multipanda {
@@ -76,6 +77,7 @@ class DualCartesianImpedance final : public Controllet {
       X_W_d_[i] = context.arms[i].terms->X_WE();
       blend_[i].capture(X_W_d_[i], rule(context, i).X_W_d, context.contact.hand_speed);
       shift_[i].clear();
+      raised_[i] = {};
     }
     return LawResult::ok;
   }
@@ -102,8 +104,8 @@ class DualCartesianImpedance final : public Controllet {
       }
       X_W_d_[i] = target.X_W_d;
       TaskForce force;
-      if (cartesian_impedance_law(gains, null_space, target, context.arms[i], q_N_[i], force) !=
-          LawResult::ok) {
+      if (cartesian_impedance_law(gains, null_space, target, context.arms[i], q_N_[i], context.dt, raised_[i],
+                                  force) != LawResult::ok) {
         return LawResult::fault;
       }
       force.report(context.inputs[goals_ == kCommon ? kCommonPose : i == 0 ? kFirstPose : kSecondPose]);
@@ -160,6 +162,7 @@ class DualCartesianImpedance final : public Controllet {
   std::array<Pose, 2> X_W_d_;  // current set-points
   std::array<SetPointBlend, 2> blend_;
   std::array<SetPointShift, 2> shift_;
+  std::array<RaisedSpring, 2> raised_;
 };
 
 }  // namespace

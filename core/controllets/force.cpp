@@ -1,10 +1,10 @@
 #include <algorithm>
 
 #include "core/controllets/builtins.hpp"
-#include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/energy_tank.hpp"
 #include "core/controllets/felt_wrench.hpp"
 #include "core/controllets/force_law.hpp"
+#include "core/controllets/raised_spring.hpp"
 
 namespace multipanda {
 namespace {
@@ -65,6 +65,7 @@ class Force final : public Controllet {
     if (!arm.state->has_wrench_estimate)
       return LawResult::fault;  // without an estimate the force has no feedback
     q_N_ = arm.q();
+    raised_ = {};
     X_hold_ = arm.terms->X_WE();
     p_c_ = X_hold_.position;
     direction_.start(context.parameters->vector3(kPressDirection));
@@ -116,7 +117,7 @@ class Force final : public Controllet {
     target.V_d.linear() = n * speed;
 
     const ImpedanceGains gains = impedance_gains(parameters, context.contact);
-    TaskForce force = impedance_force(gains, target, terms);
+    TaskForce force = impedance_force(gains, target, terms, dt, raised_);
     const Vector3 spring = force.spring.head<3>();
     pull_share_ = n.dot(spring) > 0 ? force.bounded.force_share : 0;
     const double v_n = n.dot(Vector3(terms.V_WE().linear()));
@@ -206,6 +207,7 @@ class Force final : public Controllet {
   }
 
   JointVector q_N_;
+  RaisedSpring raised_;
   Pose X_hold_;
   Vector3 p_c_ = Vector3::Zero();  // last point of contact of the tool
   FeltWrench felt_;

@@ -3,6 +3,7 @@
 
 #include "core/controllets/builtins.hpp"
 #include "core/controllets/prismatic_parameters.hpp"
+#include "core/controllets/raised_spring.hpp"
 #include "core/model/coupled_modes.hpp"
 #include "core/types/triangular.hpp"
 
@@ -78,6 +79,7 @@ class Hold final : public Controllet {
       stiffness[i] = K[k];
       design[i] = std::max(K[k], usual_[k]);
     }
+    raise(stiffness, arm.q(), context.stopped ? 0 : context.dt);
     *arm.tau = torque(arm, stiffness, design, context.parameters->number(kDampingRatio)) + arm.terms->c();
     return LawResult::ok;
   }
@@ -96,7 +98,7 @@ class Hold final : public Controllet {
     const JointMatrix Q = modes.L.lazyProduct(modes.U);
     const JointVector d = (2.0 * zeta * omega).cwiseMin(2.0 * kFastestMode);
     const JointMatrix D = (Q * d.asDiagonal()).lazyProduct(Q.transpose());
-    const JointVector error = q_0_ - arm.q(), damping = D.lazyProduct(arm.dq());
+    const JointVector error = q_0_ + raised_.value() - arm.q(), damping = D.lazyProduct(arm.dq());
     if (omega.maxCoeff() <= kFastestMode) return stiffness.cwiseProduct(error) - damping;
     // P^T K P with P = Q^-T S Q^T, S the remaining share of each mode.
     const JointVector share = kFastestMode * omega.cwiseMax(kFastestMode).cwiseInverse();
@@ -112,7 +114,7 @@ class Hold final : public Controllet {
   static constexpr double kFastestMode = 100;  // [rad/s]
 
   // Return speed of a joint beyond its limits: a stiffness times the whole distance would throw it.
-  static constexpr double kReturnSpeed = 0.1;  // [rad/s], [m/s]
+  static constexpr double kReturnSpeed = 0.1, kReturnAcceleration = 5;  // [rad/s], [rad/s^2]; [m/s], [m/s^2]
   static constexpr std::array<double, kMaxJoints> kUsualStiffness = {300, 300, 300, 300, 120, 80, 40, 40,
                                                                      40,  40,  40,  40,  40,  40, 40, 40};
 
@@ -157,7 +159,20 @@ class Hold final : public Controllet {
     const auto& limits = arm.model().limits();
     q_0_ = arm.q();
     q_end_ = q_0_.cwiseMax(limits.q_min).cwiseMin(limits.q_max);
+    K_before_.resize(0);
+    raised_.start(q_0_.size());
     entered_ = true;
+  }
+
+  // Where K rises, q_0 comes so near that the torque stays (raised_spring.hpp), and returns: a light arm that
+  // sagged under a load that nobody declared would be thrown up. A stopped arm does not move.
+  void raise(const JointVector& K, const JointVector& q, double dt) {
+    if (dt > 0) raised_.advance(kReturnSpeed, kReturnAcceleration, dt);
+    if (K_before_.size() == K.size() && (K_before_.array() < K.array()).any()) {
+      const JointVector kept = K_before_.cwiseQuotient(K).cwiseMin(1.0);
+      raised_.shift((kept - JointVector::Ones(K.size())).cwiseProduct(q_0_ + raised_.value() - q));
+    }
+    K_before_ = K;
   }
 
   std::array<double, kMaxJoints> usual_;  // default stiffness [N m/rad], [N/m]
@@ -165,7 +180,8 @@ class Hold final : public Controllet {
   // more than damping at kReturnSpeed and friction need [N m], [N].
   std::array<double, kMaxJoints> largest_push_{};
   std::array<bool, kMaxJoints> slides_{};
-  JointVector q_0_, q_end_;
+  JointVector q_0_, q_end_, K_before_;
+  ReturningOffset raised_;  // of q_0, since K rose
   bool entered_ = false, stopped_ = false;
 };
 

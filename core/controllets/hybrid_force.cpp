@@ -5,8 +5,8 @@
 
 #include "core/controllets/axis_force.hpp"
 #include "core/controllets/builtins.hpp"
-#include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/felt_wrench.hpp"
+#include "core/controllets/raised_spring.hpp"
 
 namespace multipanda {
 namespace {
@@ -138,6 +138,7 @@ class HybridForce final : public Controllet {
     if (!arm.state->has_wrench_estimate)
       return LawResult::fault;  // without an estimate the force has no feedback
     q_N_ = arm.q();
+    raised_ = {};
     felt_.start(arm);
     for (AxisForce& axis : axis_) axis.start();
     for (ForceRoom& room : room_) room.start();
@@ -172,7 +173,8 @@ class HybridForce final : public Controllet {
     const CartesianTarget target = follow(axes, context);
     ImpedanceGains gains = impedance_gains(parameters, context.contact);
     const double stiffness_share = gains.soften(target.X_W_d.rotation, terms);
-    TaskForce force = impedance_force(gains, target, terms);
+    TaskForce force =
+        impedance_force(impedance_gains(parameters, context.contact), target, terms, context.dt, raised_);
     waits_ = std::max(force.bounded.force_share, force.bounded.moment_share) > kWaitsFrom;
     Vector6 command = Vector6::Zero();  // f, force frame
     if (axes.any()) {
@@ -484,6 +486,7 @@ class HybridForce final : public Controllet {
   }
 
   JointVector q_N_;
+  RaisedSpring raised_;
   FeltWrench felt_;
   std::array<AxisForce, kAxes> axis_;
   std::array<ForceRoom, 2> room_;       // of forces and of moments

@@ -4,7 +4,7 @@
 
 #include "core/controllets/builtins.hpp"
 #include "core/controllets/following.hpp"
-#include "core/controllets/joint_law.hpp"
+#include "core/controllets/raised_spring.hpp"
 #include "core/types/carriage_speed.hpp"
 
 namespace multipanda {
@@ -57,6 +57,7 @@ class JointFollower final : public Controllet {
     const JointVector& q = context.arms[0].q();
     q_led_ = q_d_ = q_begin_ = q;
     yields_ = false;
+    raised_ = {};
     strain_ = 0;
     clutch_.start();
     q_leader_ = context.observed[0].q();
@@ -83,7 +84,8 @@ class JointFollower final : public Controllet {
                      .elbow = &elbow};
     const JointTarget target{q_d_, motion_.velocity(), motion_.acceleration()};
     JointPull pull;
-    const LawResult result = joint_impedance_law(gains, target, arm.dq(), context.contact, arm, pull);
+    const LawResult result =
+        joint_impedance_law(gains, target, arm.dq(), context.contact, arm, context.dt, raised_, pull);
     resistance_.update(pull.torque, pull.share, context.dt);
     strain_ = pull.strain;
     context.outputs[kLargestError] = (q_d_ - arm.q()).lpNorm<Eigen::Infinity>();
@@ -169,6 +171,7 @@ class JointFollower final : public Controllet {
   double strain_ = 0;  // in the last tick
   JointVector q_led_, q_goal_, q_leader_, q_d_, q_begin_, q_yields_;
   FollowingMotion motion_;
+  RaisedJoints raised_;
   Resistance resistance_;
 };
 

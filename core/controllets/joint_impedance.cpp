@@ -2,7 +2,7 @@
 
 #include "core/controllets/builtins.hpp"
 #include "core/controllets/damping_design.hpp"
-#include "core/controllets/joint_law.hpp"
+#include "core/controllets/raised_spring.hpp"
 #include "core/types/time.hpp"
 
 namespace multipanda {
@@ -67,6 +67,7 @@ class JointImpedance final : public Controllet {
 
   LawResult start(ControlContext& context) override {
     dq_ = context.arms[0].dq();
+    raised_ = {};
     ddq_d_ = JointVector::Zero(dq_.size());
     return LawResult::ok;
   }
@@ -87,7 +88,8 @@ class JointImpedance final : public Controllet {
     follow(reference.joint_acceleration(), context.dt, arm);
     const JointTarget target{reference.joints(), reference.joint_velocity(), ddq_d_};
     JointPull pull;
-    if (joint_impedance_law(gains, target, dq_, context.contact, arm, pull) != LawResult::ok)
+    if (joint_impedance_law(gains, target, dq_, context.contact, arm, context.dt, raised_, pull) !=
+        LawResult::ok)
       return LawResult::fault;
     reference.resist(pull.torque, pull.share);
     context.outputs[kLargestError] = (target.q_d - arm.q()).lpNorm<Eigen::Infinity>();
@@ -125,7 +127,8 @@ class JointImpedance final : public Controllet {
   std::shared_ptr<const ArmModel> model_;
   JointVector bearable_;  // greatest damping of each joint [N m s/rad] (n x 1)
   JointVector ddq_d_;     // that is fed forward [rad/s^2] (n x 1)
-  JointVector dq_;        // velocity that D sees [rad/s] (n x 1)
+  RaisedJoints raised_;
+  JointVector dq_;  // velocity that D sees [rad/s] (n x 1)
 };
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/controllets/contact_bounds.hpp"
+#include "core/controllets/raised_spring.hpp"
 #include "core/types/time.hpp"
 
 namespace multipanda {
@@ -116,8 +117,10 @@ ParameterSpec joint_damping_ratio_parameter() {
           .doc = "Damping ratio zeta of every mode."};
 }
 
-LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
-                              const ContactBounds& contact, OwnedArm& arm, JointPull& pull) {
+LawResult joint_impedance_law(const JointGains& gains, const JointTarget& rule, const JointVector& dq,
+                              const ContactBounds& contact, OwnedArm& arm, double dt, RaisedJoints& raised,
+                              JointPull& pull) {
+  const JointTarget target = raised.follow(gains.stiffness, rule, contact, arm, dt);
   const JointMatrix& M = arm.terms->M();
   const JointVector error = target.q_d - arm.q();
   JointMatrix K = gains.stiffness.asDiagonal();
@@ -134,6 +137,7 @@ LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target
   if (gains.acceleration_feedforward) tau += M.lazyProduct(JointVector(led.cwiseProduct(target.ddq_d)));
   if (gains.elbow != nullptr || std::isfinite(contact.spring_force + contact.spring_moment))
     bound(contact, gains.elbow, arm, spring, damping, tau, pull);
+  raised.resist(pull.torque, pull.share, dt);
   if (!tau.allFinite()) return LawResult::fault;
   *arm.tau = tau;
   return LawResult::ok;

@@ -5,6 +5,8 @@
 
 namespace multipanda {
 
+class RaisedJoints;
+
 // The elbow of an arm, the origin of its middle joint: its motion and force in the null space of the hand. Or
 // another point p_W of the link behind `joint`, such as the hand of an arm mounted there. World axes. Loop
 // thread, no allocation.
@@ -65,8 +67,10 @@ struct JointPull {
 // tau = K (q_d - q) + D (dq_d - dq) + C dq [+ M ddq_d], the pull within the bounds for contact, at the hand
 // and at every prismatic joint; `dq` is the arm's velocity on which D acts (n x 1). With DampingOf::velocity
 // -D dq instead of D (dq_d - dq). K and D are limited for stability (damping_design.hpp); joints without
-// stiffness are braked and follow no set-point. The result is in arm.tau; fault if it is not finite.
-LawResult joint_impedance_law(const JointGains& gains, const JointTarget& target, const JointVector& dq,
-                              const ContactBounds& contact, OwnedArm& arm, JointPull& pull);
+// stiffness are braked and follow no set-point. Where K rises, the set-point that acts is at first nearer
+// (raised_spring.hpp). The result is in arm.tau; fault if it is not finite.
+LawResult joint_impedance_law(const JointGains& gains, const JointTarget& rule, const JointVector& dq,
+                              const ContactBounds& contact, OwnedArm& arm, double dt, RaisedJoints& raised,
+                              JointPull& pull);
 
 }  // namespace multipanda

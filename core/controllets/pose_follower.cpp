@@ -1,5 +1,6 @@
 #include "core/controllets/builtins.hpp"
 #include "core/controllets/following.hpp"
+#include "core/controllets/raised_spring.hpp"
 
 namespace multipanda {
 namespace {
@@ -26,6 +27,7 @@ class PoseFollower final : public Controllet {
   LawResult start(ControlContext& context) override {
     OwnedArm& arm = context.arms[0];
     q_N_ = arm.q();
+    raised_ = {};
     jumps_.start(context.observed[0]);
     clutch_.start();
     led_.start(context.observed[0], arm.terms->X_WE());
@@ -48,8 +50,9 @@ class PoseFollower final : public Controllet {
       led_.place(follows_.X());
     }
     TaskForce force;
-    const LawResult result = cartesian_impedance_law(gains, null_space_gains(parameters, context.contact),
-                                                     follows_.target(), arm, q_N_, force);
+    const LawResult result =
+        cartesian_impedance_law(gains, null_space_gains(parameters, context.contact), follows_.target(), arm,
+                                q_N_, context.dt, raised_, force);
     follows_.resist(force.pull, force.bounded.force_share, force.bounded.moment_share, context.dt);
     show(force, context.outputs);
     const Vector3 lag = led_.X().position - follows_.X().position;
@@ -95,6 +98,7 @@ class PoseFollower final : public Controllet {
   JointVector q_N_;
   LedPose led_;
   FollowingPose follows_;
+  RaisedSpring raised_;
 };
 
 }  // namespace

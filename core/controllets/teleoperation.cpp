@@ -8,6 +8,7 @@
 #include "core/controllets/energy_tank.hpp"
 #include "core/controllets/felt_wrench.hpp"
 #include "core/controllets/force_law.hpp"
+#include "core/controllets/raised_spring.hpp"
 #include "core/controllets/teleoperation_channel.hpp"
 #include "core/controllets/teleoperation_descriptor.hpp"
 
@@ -101,6 +102,7 @@ class Teleoperation final : public Controllet {
     led_.start(context.arms[0], follower.terms->X_WE());
     follows_.start(follower.terms->X_WE());
     q_N_ = follower.q();
+    raised_ = {};
     p_offset_.setZero();
     R_offset_.setIdentity();
     alignments_ = aligned_ = 0;
@@ -256,7 +258,8 @@ class Teleoperation final : public Controllet {
     ImpedanceGains gains = impedance_gains(parameters, context.contact);
     context.outputs[kStiffnessShare] = gains.soften(target.X_W_d.rotation, terms);
     const Vector6 V = terms.V_WE().vector;
-    const TaskForce force = impedance_force(gains, target, terms);
+    const TaskForce force =
+        impedance_force(impedance_gains(parameters, context.contact), target, terms, context.dt, raised_);
     const Matrix3& R_d = target.X_W_d.rotation;
     const Matrix6 D = gains.damping(R_d, gains.stiffness(R_d).matrix(), terms);
     const Vector6 damping = D * V;
@@ -423,6 +426,7 @@ class Teleoperation final : public Controllet {
   LedPose led_;            // the leader's side
   FollowingPose follows_;  // the follower's side
   JointVector q_N_;
+  RaisedSpring raised_;
   Matrix3 map_ = Matrix3::Identity();
   bool closed_ = false;
   std::size_t axes_ = 0;

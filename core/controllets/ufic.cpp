@@ -3,12 +3,12 @@
 
 #include "core/controllets/axis_force.hpp"
 #include "core/controllets/builtins.hpp"
-#include "core/controllets/cartesian_law.hpp"
 #include "core/controllets/damping_design.hpp"
 #include "core/controllets/energy_balance.hpp"
 #include "core/controllets/energy_tank.hpp"
 #include "core/controllets/felt_wrench.hpp"
 #include "core/controllets/force_law.hpp"
+#include "core/controllets/raised_spring.hpp"
 #include "core/controllets/ufic_axes.hpp"
 
 namespace multipanda {
@@ -92,6 +92,7 @@ class Ufic final : public Controllet {
       return LawResult::fault;  // without an estimate the force has no feedback
     const ParameterSet& parameters = *context.parameters;
     q_N_ = arm.q();
+    raised_ = {};
     felt_.start(arm);
     p_c_ = arm.terms->X_WE().position;
     direction_.start(parameters.vector3(kPressDirection));
@@ -118,9 +119,12 @@ class Ufic final : public Controllet {
     ModelTerms& terms = *arm.terms;
     const ParameterSet& parameters = *context.parameters;
     tanks_ = tank_settings(parameters, kTanks);
-    ImpedanceGains gains = impedance_gains(parameters);
-    context.outputs[kStiffnessShare] = gains.soften(context.inputs[kPose].pose().rotation, terms);
-    const CartesianTarget target = gains.led(CartesianTarget::of(context.inputs[kPose]));
+    const ImpedanceGains asked = impedance_gains(parameters, context.contact);
+    const CartesianTarget rule = CartesianTarget::of(context.inputs[kPose]);
+    const CartesianTarget seen = raised_.follow(asked, rule, terms, context.dt);
+    ImpedanceGains gains = asked;
+    context.outputs[kStiffnessShare] = gains.soften(seen.X_W_d.rotation, terms);
+    const CartesianTarget target = gains.led(seen);
 
     update_energy_balance(context.arms);
     // Impedance part
@@ -160,8 +164,10 @@ class Ufic final : public Controllet {
     opposing.head<3>() += damped(v, 1);
     const BoundedPull requested = bound_pull(context.contact, spring + feedforward, opposing, v);
     bound_feedforward(requested, spring, feedforward);
-    context.inputs[kPose].resist(spring + feedforward, std::max(spring_share_, requested.force_share),
-                                 std::max(spring_share_, requested.moment_share));
+    const double force_share = std::max(spring_share_, requested.force_share);
+    const double moment_share = std::max(spring_share_, requested.moment_share);
+    context.inputs[kPose].resist(spring + feedforward, force_share, moment_share);
+    raised_.resist(spring + feedforward, force_share, moment_share, context.dt);
     const JointVector tau_null =
         null_space_torque(null_space_gains(parameters, context.contact), arm, q_N_, s);
 
@@ -213,7 +219,7 @@ class Ufic final : public Controllet {
     balance.open(kForceDampingPart, joints(along(damped(v, -1))));
     *arm.tau = balance.sum();
 
-    show(context, force, error, set_point_work);
+    show(context, force, pose_error(rule.X_W_d, terms.X_WE()), set_point_work);
     return arm.tau->allFinite() ? LawResult::ok : LawResult::fault;
   }
 
@@ -418,6 +424,7 @@ class Ufic final : public Controllet {
   }
 
   JointVector q_N_;
+  RaisedSpring raised_;
   Vector3 p_c_ = Vector3::Zero();  // x_c: last point of contact of the tool
   bool touched_ = false;
   double gamma_ = 0, alpha_f_ = 0;

@@ -6,6 +6,7 @@
 #include <limits>
 #include <random>
 
+#include "core/controllets/goal_parameters.hpp"
 #include "core/types/statistics.hpp"
 
 namespace multipanda {
@@ -41,7 +42,8 @@ class Trial {
     law_->bound_parameters(parameters_);
   }
 
-  void draw_state() {
+  // A running law keeps its stiffnesses: one that rises moves the set-point that its spring sees.
+  void draw_state(bool starts) {
     for (std::size_t i = 0; i < states_.size(); ++i) {
       const ArmLimits& limits = terms_[i].model().limits();
       ArmState& state = states_[i];
@@ -54,6 +56,7 @@ class Trial {
       state.tau_J = terms_[i].g() + between(-0.1 * limits.tau_max, 0.1 * limits.tau_max);
     }
     for (std::size_t i = 0; i < parameters_.size(); ++i) {
+      if (!starts && is_stiffness(parameters_.spec(i))) continue;
       std::vector<double> values(parameters_.value_size(i));
       for (std::size_t k = 0; k < values.size(); ++k) {
         values[k] = uniform(parameters_.spec(i).min, parameters_.max(i, k));
@@ -172,8 +175,8 @@ LawTrial try_law(const ControlletType& type, ArmModels models, const LawTrialOpt
   bool running = false;
   std::size_t slow = 0;
   for (std::size_t number = 0; number < options.states && slow <= options.states / 1000; ++number) {
-    trial.draw_state();
     const bool starts = !running || number % kStatesPerStart == 0;
+    trial.draw_state(starts);
     LawResult result = starts ? trial.start() : LawResult::ok;
     running = result == LawResult::ok;
     if (!running && each) each({number, starts, trial.context(), result});
