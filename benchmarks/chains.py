@@ -2,11 +2,7 @@
 """Delays of the chains around a run: from a leader's joint to set-point and arm, from a workstation to torque, from a
 picture to the log; over a real sshd on loopback, and the first two without it. The leader's servos are emulated.
 
-<<<<<<< HEAD:tools/benchmarks/chains.py
-PYTHONPATH=python .venv/bin/python tools/benchmarks/chains.py build  # needs a computer that does nothing else, and sshd
-=======
 PYTHONPATH=python .venv/bin/python benchmarks/chains.py build     # needs a computer that does nothing else, and sshd
->>>>>>> parent of f07fad34 (Instruments that are started by hand, and the writer of the ROS page, are tools):benchmarks/chains.py
 """
 
 import argparse
