@@ -64,7 +64,7 @@ void ControlledWorld::reset(const WorldStart& start) {
   ticket_ = 0;
   asked_.clear();
   grippers_.clear();
-  endings_.clear();
+  moving_.clear();
   gripper_answers_.clear();
   refusal_.clear();
   cycles_ = 0;
@@ -149,7 +149,7 @@ void ControlledWorld::execute(const nlohmann::json& request) {
   const auto& asked = std::get<GripperRequest>(of_backend);
   const ArmState& now = cycle_->data().state[arm];
   const auto mode = static_cast<std::uint8_t>(now.mode);
-  if (!gripper_stops(cycle_->modes(), arm, mode)) endings_[arm] = ending_of(asked, now.gripper.grasped);
+  if (!gripper_stops(cycle_->modes(), arm, mode) && ending_of(asked, now.gripper.grasped)) moving_[arm] = asked;
   grippers_[arm] = request_arm(cycle_->modes(), *backend_, arm, asked, mode);
 }
 
@@ -197,11 +197,13 @@ void ControlledWorld::step(std::uint64_t cycles) {
 
 // A stop of an arm ends its gripper's motion. Only what the loop sees decides: a restored world agrees.
 void ControlledWorld::end_grippers() {
-  for (auto& [arm, ending] : endings_) {
+  for (auto& [arm, moving] : moving_) {
     const ArmState& now = cycle_->data().state[arm];
-    if (!ending || !gripper_stops(cycle_->modes(), arm, static_cast<std::uint8_t>(now.mode))) continue;
-    if (now.gripper.moving || std::holds_alternative<GripperFollow>(*ending))
-      (void)backend_->request(arm, *std::exchange(ending, {}));
+    if (!moving || !gripper_stops(cycle_->modes(), arm, static_cast<std::uint8_t>(now.mode))) continue;
+    const auto ending = ending_of(*moving, now.gripper.grasped);
+    if (ending && !now.gripper.moving && !std::holds_alternative<GripperFollow>(*ending)) continue;
+    if (ending) (void)backend_->request(arm, *ending);
+    moving.reset();
   }
 }
 

@@ -155,7 +155,7 @@ class ControlledWorld {
   std::vector<Asked> asked_;                                 // of the backend
   std::map<ArmIndex, std::future<RequestAnswer>> grippers_;  // motions
   std::map<ArmIndex, std::string> gripper_answers_;
-  std::map<ArmIndex, std::optional<GripperRequest>> endings_;  // of those motions, with a stop
+  std::map<ArmIndex, std::optional<GripperRequest>> moving_;  // which a stop ends
   std::string refusal_;
   std::uint64_t cycles_ = 0;
 };

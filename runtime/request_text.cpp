@@ -142,7 +142,8 @@ std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend
 }
 
 bool gripper_stops(const MultimodeController& modes, ArmIndex arm, std::uint8_t mode) {
-  return modes.stopped().contains(arm) || static_cast<ArmMode>(mode) == ArmMode::user_stopped;
+  const auto now = static_cast<ArmMode>(mode);
+  return modes.stopped().contains(arm) || now == ArmMode::user_stopped || now == ArmMode::reflex;
 }
 
 std::optional<GripperRequest> ending_of(const GripperRequest& request, bool grasped) {
@@ -158,10 +159,15 @@ std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend
                                        GripperRequest request, std::uint8_t mode) {
   if (ends_motion(request) || !gripper_stops(modes, arm, mode))
     return backend.request(arm, std::move(request));
-  const bool by_button = !modes.stopped().contains(arm);
+  const bool stopped = modes.stopped().contains(arm), reflex = static_cast<ArmMode>(mode) == ArmMode::reflex;
   return refuse_request("arm " + in_quotes(modes.arm_name(arm)) + " is stopped" +
-                        (by_button ? " by its button" : "") +
-                        ", and so is its gripper: " + (by_button ? "release the button" : "resume the arm") +
+                        (stopped  ? ""
+                         : reflex ? " by a reflex"
+                                  : " by its button") +
+                        ", and so is its gripper: " +
+                        (stopped  ? "resume the arm"
+                         : reflex ? "recover the arm"
+                                  : "release the button") +
                         " first; 'stop' of the gripper lets go of what it holds");
 }
 

@@ -276,6 +276,58 @@ TEST(RaisedStiffness, AnUndeclaredLoadRisesAndGoalsArrive) {
   }
 }
 
+// The axes of a stiffness that lie along the set-point's orientation do not turn with what a raised one sees.
+TEST(RaisedStiffness, DoesNotTurnTheAxesOfAnother) {
+  for (const std::string type : {"cartesian_impedance", "dual_cartesian_impedance",
+                                 "coupled_dual_cartesian_impedance", "ufic"}) {
+    for (int plant = 0; plant < 2; ++plant) {
+      Bench bench({.type = type, .plant = plant_of(plant)});
+      bench.set("stiffness_axes", {1});
+      bench.set("translational_stiffness_n_per_m", {3000, 0, 0});
+      bench.set("rotational_stiffness_nm_per_rad", {0, 0, 0});
+      bench.steps(300);
+      bench.go(Vector3(0, 0.2, 0), Vector3(0, 0, 0.5));
+      bench.steps(3000);
+      bench.forget();
+      bench.set("rotational_stiffness_nm_per_rad", {20, 20, 20});
+      bench.steps(1500);
+      const std::string name = type + ", " + plant_of(plant).name;
+      std::printf("%s: %.3f m/s, %.3f rad/s\n", name.c_str(), bench.fastest, bench.turning);
+      EXPECT_TRUE(bench.owns()) << name;
+      EXPECT_LT(bench.fastest, 0.2) << name;
+      EXPECT_LT(bench.turning, 0.75) << name;
+    }
+  }
+}
+
+// An axis of a force takes the set-point to the hand, and what a raised stiffness left of the way goes with it.
+TEST(RaisedStiffness, LeavesNothingAlongAnAxisOfAForce) {
+  for (int plant = 0; plant < 2; ++plant) {
+    for (const int on : {250, 600, 1000}) {
+      Bench bench({.type = "hybrid_force", .plant = plant_of(plant)});
+      bench.set("translational_stiffness_n_per_m", {2000, 2000, 0});
+      bench.steps(300);
+      bench.go(Vector3(0, 0, -0.22));
+      bench.steps(3000);
+      bench.forget();
+      const double z = bench.X(0).position.z();
+      bench.set("translational_stiffness_n_per_m", {2000, 2000, 2000});
+      bench.steps(300);
+      bench.set("force_z", {1});
+      bench.steps(on);
+      const double released = bench.X(0).position.z();
+      bench.set("force_z", {0});
+      bench.steps(2000);
+      const std::string name = plant_of(plant).name + ", " + std::to_string(on) + " ms";
+      std::printf("%s: %.3f m/s, %.4f m, %.4f m\n", name.c_str(), bench.fastest, released - z,
+                  bench.X(0).position.z() - z);
+      EXPECT_TRUE(bench.owns()) << name;
+      EXPECT_LT(bench.fastest, 0.2) << name;
+      EXPECT_LT(bench.X(0).position.z(), released + 0.01) << name;  // not away from its goal
+    }
+  }
+}
+
 // A hold that was soft sags under 1 kg; it lifts the arm slowly when it becomes stiff, as far as one that was
 // stiff from the start.
 TEST(RaisedStiffness, AHoldLiftsSlowly) {
@@ -293,6 +345,23 @@ TEST(RaisedStiffness, AHoldLiftsSlowly) {
     };
     EXPECT_NEAR(height(true), height(false), plant == 0 ? 1e-3 : 5e-3);
   }
+}
+
+// A load that nobody declared does not sink without end while the stiffness of its hold goes up and down.
+TEST(RaisedStiffness, UpAndDownAHoldDoesNotSinkWithoutEnd) {
+  Bench bench({.type = "hold", .plant = plant_of(1), .load = 1, .load_across = 0.08});
+  const double z = bench.X(0).position.z();
+  const auto swing = [&](int times) {
+    for (int k = 0; k < times; ++k) {
+      bench.stiffness("", k % 2 == 0 ? 0.01 : 0.1);
+      bench.steps(200);
+    }
+    return z - bench.X(0).position.z();
+  };
+  const double early = swing(20), late = swing(40);
+  std::printf("hold: %.4f m, then %.4f m lower, %.3f m/s\n", early, late, bench.fastest);
+  EXPECT_LT(late, early + 0.01);
+  EXPECT_LT(bench.fastest, 0.25);
 }
 
 // The offset of 0.14 m that is asked for while nothing holds the hands together comes later, and moves them

@@ -84,9 +84,9 @@ Matrix6 ImpedanceGains::coasting(const Matrix3& R_W_d) const {
       .matrix();
 }
 
-CartesianTarget ImpedanceGains::led(CartesianTarget target) const {
+CartesianTarget ImpedanceGains::led(CartesianTarget target, const Matrix3& R_W_d) const {
   if (leads()) return target;
-  const Matrix6 coasts = coasting(target.X_W_d.rotation);
+  const Matrix6 coasts = coasting(R_W_d);
   for (Vector6* motion : {&target.V_d.vector, &target.A_d.vector}) *motion -= Vector6(coasts * *motion);
   return target;
 }
@@ -122,11 +122,12 @@ TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& re
                           double dt, RaisedSpring& raised) {
   const CartesianTarget seen = raised.follow(asked, requested, terms, dt);
   ImpedanceGains gains = asked;
-  const double stiffness_share = gains.soften(seen.X_W_d.rotation, terms);
-  const CartesianTarget target = gains.led(seen);
+  const Matrix3& R_d = requested.X_W_d.rotation;  // a raised stiffness does not turn its axes
+  const double stiffness_share = gains.soften(R_d, terms);
+  const CartesianTarget target = gains.led(seen, R_d);
   const Vector6& V = terms.V_WE().vector;
-  const TaskStiffness K = gains.stiffness(target.X_W_d.rotation);
-  const Matrix6 D = gains.damping(target.X_W_d.rotation, K.matrix(), terms);
+  const TaskStiffness K = gains.stiffness(R_d);
+  const Matrix6 D = gains.damping(R_d, K.matrix(), terms);
   TaskForce force;
   force.stiffness_share = stiffness_share;
   force.error = pose_error(target.X_W_d, terms.X_WE());

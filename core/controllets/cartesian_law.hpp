@@ -56,7 +56,7 @@ struct ImpedanceGains {
     return translational_stiffness.minCoeff() >= kLedFrom && rotational_stiffness.minCoeff() >= kTurnedFrom;
   }
   // The set-point without velocity and acceleration along axes that have no stiffness.
-  CartesianTarget led(CartesianTarget target) const;
+  CartesianTarget led(CartesianTarget target, const Matrix3& R_W_d) const;
   // The damping of those axes for an inertia (6 x 6): kBrake times that.
   Matrix6 brake(const Matrix3& R_W_d, const Matrix6& inertia) const;
   // D_c at E, world axes, for the stiffness K (6 x 6): designed, or given and limited by the inertia.

@@ -94,11 +94,11 @@ class CoupledDualCartesianImpedance final : public Controllet {
     const bool changed = before || relative_before;
     if (changed) {
       soften(frame, first, second, R_d, Lambda, was, relative_was);
-      absolute_.raise(was, gains, frame.X_WA, seen);
+      absolute_.raise(was, gains, R_d, frame.X_WA, seen);
     }
-    const CartesianTarget target = gains.led(seen);
-    const TaskStiffness K_a = gains.stiffness(target.X_W_d.rotation);
-    const TaskStiffness K_r = relative_gains.stiffness(target.X_W_d.rotation);
+    const CartesianTarget target = gains.led(seen, R_d);
+    const TaskStiffness K_a = gains.stiffness(R_d);
+    const TaskStiffness K_r = relative_gains.stiffness(R_d);
 
     TaskForce absolute, relative;
     absolute.stiffness_share = relative.stiffness_share = stiffness_share;

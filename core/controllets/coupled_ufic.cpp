@@ -136,14 +136,14 @@ class CoupledUfic final : public Controllet {
     was.relative = relative_before.value_or(was.relative);
     context.outputs[kStiffnessShare] = soften(settings, context, frame, Lambda);
     const CartesianTarget rule = CartesianTarget::of(context.inputs[kPose]);
-    const CartesianTarget target = settings.absolute.led(rule);
+    const CartesianTarget target = settings.absolute.led(rule, rule.X_W_d.rotation);
     CartesianTarget seen = come_back(absolute_, relative_, rule, context);
     const bool changed = before || relative_before;
     if (changed) {
       soften(was, context, frame, Lambda);
-      absolute_.raise(was.absolute, settings.absolute, frame.X_WA, seen);
+      absolute_.raise(was.absolute, settings.absolute, rule.X_W_d.rotation, frame.X_WA, seen);
     }
-    seen = settings.absolute.led(seen);
+    seen = settings.absolute.led(seen, rule.X_W_d.rotation);
     const double dt = context.dt;
 
     update_energy_balance(context, frame, settings);

@@ -148,6 +148,8 @@ class Hold final : public Controllet {
   // A stopped arm does not move. If q_0 was ahead of a returning joint, it waits there.
   void stay(const JointVector& q, bool just_stopped) {
     if (!just_stopped) return;
+    q_0_ += raised_.value();
+    raised_.start(q_0_.size());
     for (Eigen::Index i = 0; i < q.size(); ++i) {
       if ((q_end_[i] - q_0_[i]) * (q_0_[i] - q[i]) > 0) q_0_[i] = q[i];
     }
@@ -161,16 +163,25 @@ class Hold final : public Controllet {
     q_end_ = q_0_.cwiseMax(limits.q_min).cwiseMin(limits.q_max);
     K_before_.resize(0);
     raised_.start(q_0_.size());
+    farthest_ = raised_.value();
     entered_ = true;
   }
 
   // Where K rises, q_0 comes so near that the torque stays (raised_spring.hpp), and returns: a light arm that
-  // sagged under a load that nobody declared would be thrown up. A stopped arm does not move.
+  // sagged under a load that nobody declared would be thrown up. Until it has returned, it comes no nearer than
+  // at first: stiffnesses that go up and down would let the load sink without end. Carriages slip. A stopped
+  // arm does not move.
   void raise(const JointVector& K, const JointVector& q, double dt) {
     if (dt > 0) raised_.advance(kReturnSpeed, kReturnAcceleration, dt);
-    if (K_before_.size() == K.size() && (K_before_.array() < K.array()).any()) {
-      const JointVector kept = K_before_.cwiseQuotient(K).cwiseMin(1.0);
-      raised_.shift((kept - JointVector::Ones(K.size())).cwiseProduct(q_0_ + raised_.value() - q));
+    const bool rises = K_before_.size() == K.size() && (K_before_.array() < K.array()).any();
+    first_rise_ = rises && (first_rise_ || raised_.none());  // a rise takes many ticks
+    if (rises) {
+      const JointVector share = JointVector::Ones(K.size()) - K_before_.cwiseQuotient(K).cwiseMin(1.0);
+      JointVector near = raised_.value() - share.cwiseProduct(q_0_ + raised_.value() - q);
+      for (Eigen::Index i = 0; i < K.size(); ++i)
+        if (slides_[static_cast<std::size_t>(i)]) near[i] = 0;
+      if (first_rise_) farthest_ = near.cwiseAbs();
+      raised_.shift(near.cwiseMin(farthest_).cwiseMax(-farthest_) - raised_.value());
     }
     K_before_ = K;
   }
@@ -180,9 +191,9 @@ class Hold final : public Controllet {
   // more than damping at kReturnSpeed and friction need [N m], [N].
   std::array<double, kMaxJoints> largest_push_{};
   std::array<bool, kMaxJoints> slides_{};
-  JointVector q_0_, q_end_, K_before_;
+  JointVector q_0_, q_end_, K_before_, farthest_;
   ReturningOffset raised_;  // of q_0, since K rose
-  bool entered_ = false, stopped_ = false;
+  bool entered_ = false, stopped_ = false, first_rise_ = false;
 };
 
 }  // namespace

@@ -304,15 +304,18 @@ class HybridForce final : public Controllet {
     if (!axes.any()) return target;
     const Pose& X = context.arms[0].terms->X_WE();
     const Vector6 error = pose_error(target.X_W_d, X);
-    Vector6 kept = axes.in_frame(error);
+    Vector6 kept = axes.in_frame(error), raised = axes.in_frame(raised_.offset());
     for (std::size_t i = 0; i < kAxes; ++i) {
-      if (axis_[i].full()) kept[static_cast<Eigen::Index>(i)] = 0;
+      if (axis_[i].full()) kept[static_cast<Eigen::Index>(i)] = raised[static_cast<Eigen::Index>(i)] = 0;
       if (!axis_[i].idle()) planned_[i] = input.planned();
     }
     const Pose X_kept = displaced(X, axes.in_world(kept));
     offset_ = {X_kept.rotation * input.pose().rotation.transpose(), X_kept.position - input.pose().position};
     displaced_ = true;
-    target.X_W_d = displaced(X, axes.rest(error));
+    // The spring sees that ahead of the target: together they are what the force leaves.
+    const Vector6 ahead = axes.in_world(raised);
+    if (!raised_.none()) raised_.put(ahead);
+    target.X_W_d = displaced(X, axes.rest(error + ahead) - ahead);
     target.V_d.vector = axes.rest(target.V_d.vector);
     target.A_d.vector = axes.rest(target.A_d.vector);
     return target;

@@ -83,9 +83,9 @@ CartesianTarget RaisedSpring::follow(const ImpedanceGains& asked, const Cartesia
   CartesianTarget target = seen(rule);
   if (before) {
     ImpedanceGains was = *before, is = asked;
-    was.soften(target.X_W_d.rotation, terms);
-    is.soften(target.X_W_d.rotation, terms);
-    raise(was, is, terms.X_WE(), target);
+    was.soften(rule.X_W_d.rotation, terms);
+    is.soften(rule.X_W_d.rotation, terms);
+    raise(was, is, rule.X_W_d.rotation, terms.X_WE(), target);
   }
   return target;
 }
@@ -138,10 +138,10 @@ CartesianTarget RaisedSpring::seen(const CartesianTarget& rule) const {
   return target;
 }
 
-void RaisedSpring::raise(const ImpedanceGains& before, const ImpedanceGains& now, const Pose& X,
-                         CartesianTarget& seen) {
+void RaisedSpring::raise(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d,
+                         const Pose& X, CartesianTarget& seen) {
   const Vector6 error = pose_error(seen.X_W_d, X);
-  const Vector6 kept = kept_error(before, now, seen.X_W_d.rotation, error);
+  const Vector6 kept = kept_error(before, now, R_d, error);
   if (kept == error) return;
   position_.shift(kept.head<3>() - error.head<3>());
   seen.X_W_d.position = X.position + kept.head<3>();
@@ -163,6 +163,11 @@ Vector6 RaisedSpring::offset() const {
   Vector6 x;
   x << position_.value(), rotation_.value();
   return x;
+}
+
+void RaisedSpring::put(const Vector6& offset) {
+  position_.shift(offset.head<3>() - Vector3(position_.value()));
+  rotation_.shift(offset.tail<3>() - Vector3(rotation_.value()));
 }
 
 Vector6 RaisedSpring::velocity() const {

@@ -59,13 +59,17 @@ class RaisedSpring {
   // A tick of the return, of a frame that the rule moves with this twist, for a hand this far from it.
   void come_back(const Vector6& V_rule, double hand_speed, double lever, double dt);
   CartesianTarget seen(const CartesianTarget& rule) const;
-  // The seen set-point after a change of gains, both softened, for the error of the one before.
-  void raise(const ImpedanceGains& before, const ImpedanceGains& now, const Pose& X, CartesianTarget& seen);
+  // The seen set-point after a change of gains, both softened, for the error of the one before. R_d: of the
+  // rule, along which the axes of both stiffnesses lie.
+  void raise(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d, const Pose& X,
+             CartesianTarget& seen);
   // The same for coordinates that are a vector; returns the new error.
   Vector6 raise(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d,
                 const Vector6& error);
   Vector6 offset() const;
   Vector6 velocity() const;
+  // Another offset, where the rule's set-point was put onto the arm.
+  void put(const Vector6& offset);
 
  private:
   ReturningOffset position_, rotation_;  // R_seen = exp(rotation) R_rule

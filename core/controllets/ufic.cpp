@@ -123,16 +123,17 @@ class Ufic final : public Controllet {
     const CartesianTarget rule = CartesianTarget::of(context.inputs[kPose]);
     const CartesianTarget seen = raised_.follow(asked, rule, terms, context.dt);
     ImpedanceGains gains = asked;
-    context.outputs[kStiffnessShare] = gains.soften(seen.X_W_d.rotation, terms);
-    const CartesianTarget target = gains.led(seen);
+    const Matrix3& R_d = rule.X_W_d.rotation;
+    context.outputs[kStiffnessShare] = gains.soften(R_d, terms);
+    const CartesianTarget target = gains.led(seen, R_d);
 
     update_energy_balance(context.arms);
     // Impedance part
     const Vector6 V = terms.V_WE().vector;
     const Matrix6& Lambda = terms.task().Lambda;
-    const Matrix6 K = gains.stiffness(target.X_W_d.rotation).matrix();
-    const Matrix6 D = gains.damping(target.X_W_d.rotation, K, terms);
-    const double set_point_work = move_spring(target, gains, terms.X_WE(), V, D * V, context);
+    const Matrix6 K = gains.stiffness(R_d).matrix();
+    const Matrix6 D = gains.damping(R_d, K, terms);
+    const double set_point_work = move_spring(target, gains.stiffness(R_d), terms.X_WE(), V, D * V, context);
     const double s = spring_.scale;
     const Vector6 error = pose_error(target.X_W_d, terms.X_WE());
     const Vector6 spring = s * spring_wrench(spring_.stiffness, error);
@@ -327,10 +328,10 @@ class Ufic final : public Controllet {
   // Its bound for contact closes the valve, too, so that the tanks' balance stays complete; not because of
   // the part of the pull that damping compensates anyway: a person who pushes the hand to its set-point takes
   // no energy.
-  double move_spring(const CartesianTarget& target, const ImpedanceGains& gains, const Pose& X,
+  double move_spring(const CartesianTarget& target, const TaskStiffness& K, const Pose& X,
                      const Vector6& V, const Vector6& damping, const ControlContext& context) {
     const double before = spring_.scale * spring_.energy;
-    SpringState next{gains.stiffness(target.X_W_d.rotation), target.X_W_d, 0, 0};
+    SpringState next{K, target.X_W_d, 0, 0};
     next.energy = next.energy_at(X);
     next.scale =
         std::min(balance_.impedance.valve(tanks_.limits), spring_.scale + context.dt / Fade::kDuration);

@@ -192,7 +192,6 @@ void ArmPort::move(std::uint32_t command_id, const MoveRequest& request) {
              .asynchronous = requested.asynchronous,
              .started = host_now()};
   if (singular) motion_.end = status_of(start);
-  command_.tau_J_d.setZero(kWireJoints);
   has_pending_ = answered_ = silent_ = lagging_ = false;
   newest_command_ = latest_late_ = left_out_ = 0;
   mark_state_due();

@@ -244,7 +244,8 @@ class Bridge:
             except (OSError, ValueError):
                 self.out += frame(b"t", 0, b'{"ok": false, "reason": "the run does not answer"}\n')
         elif kind == b"r":
-            around = self.mirror.around(*struct.unpack("<q", contents)) if self.mirror else b""
+            reads = len(self.out) < _UNREAD  # a client that asks and does not read gets none
+            around = self.mirror.around(*struct.unpack("<q", contents)) if self.mirror and reads else b""
             self.out += around + frame(b"r", number)
         elif kind == b"d" and number in self.sockets:
             if not contents:
@@ -313,7 +314,7 @@ class Bridge:
                 for one in frames.add(part):
                     try:
                         self.take(*one)
-                    except (struct.error, OSError, ValueError) as wrong:  # stops behind it count
+                    except (struct.error, OSError, ValueError, ArithmeticError) as wrong:  # stops behind it count
                         self.ended = f"not a frame that can be served: {wrong}"
             elif file in of_file and of_file[file] in self.sockets:
                 self.serve(of_file[file], events)

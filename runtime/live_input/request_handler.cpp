@@ -98,11 +98,13 @@ std::future<RequestAnswer> RequestHandler::abandon(Pending& pending) {
   if (pending.ticket != 0 && only_holds(pending.request)) return {};
   *pending.begin_by = 0;
   if (pending.ticket != 0) (void)run_.modes->withdraw(pending.ticket);
-  const auto ending = std::exchange(pending.ending, {});
-  const bool moves = ending && pending.answer.valid() &&
+  const auto moving = std::exchange(pending.moving, {});
+  const bool moves = moving && pending.answer.valid() &&
                      pending.answer.wait_for(std::chrono::seconds(0)) != std::future_status::ready;
   if (!moves) return {};
-  return run_.backend->request(pending.arm, *ending);
+  auto ending = ending_of(*moving, run_.latest->sample(pending.arm).gripper_grasped);
+  if (!ending) return {};
+  return run_.backend->request(pending.arm, std::move(*ending));
 }
 
 bool RequestHandler::only_holds(const Request& request) const {
@@ -375,7 +377,7 @@ void RequestHandler::begin_backend_request(const std::string& name, const JsonFi
     run_.latest->copy(snapshot_);
     take_gripper(target, *of_gripper, pending);
     const ArmSample& sample = snapshot_.arms[target].sample;
-    pending.ending = ending_of(*of_gripper, sample.gripper_grasped);
+    if (ending_of(*of_gripper, sample.gripper_grasped)) pending.moving = *of_gripper;
     pending.answer = request_arm(*run_.modes, *run_.backend, target, std::move(*of_gripper), sample.mode);
   } else {
     auto& of_arm = std::get<ArmRequest>(request);
@@ -499,8 +501,13 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
         return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", "the backend did not answer"}};
       }
     }
-    if (pending.ending && gripper_stops(*run_.modes, pending.arm, run_.latest->sample(pending.arm).mode))
-      (void)run_.backend->request(pending.arm, *std::exchange(pending.ending, {}));
+    if (pending.moving) {
+      const ArmSample sample = run_.latest->sample(pending.arm);
+      if (gripper_stops(*run_.modes, pending.arm, sample.mode)) {
+        if (auto ending = ending_of(*std::exchange(pending.moving, {}), sample.gripper_grasped))
+          (void)run_.backend->request(pending.arm, std::move(*ending));
+      }
+    }
     const double patience = std::max(kArmPatience, pending.patience_s);
     if (waited <= patience) return {};
     return refusal(Verdict::pending, kRequestUnfinished);  // not "timeout": it cannot be withdrawn

@@ -831,7 +831,7 @@ TEST_F(RequestsTest, GrippersTakeNamedActions) {
     RequestHandler::Pending pending;
     request["arm"] = arm;
     (void)handler_.begin(request, pending);
-    return pending.ending.has_value();
+    return pending.moving.has_value();
   };
   const json firmer = {{"do", "gripper"}, {"action", "grasp"}, {"width_m", 0.03}, {"force_n", 40}};
   EXPECT_FALSE(ends(firmer, "arm1"));

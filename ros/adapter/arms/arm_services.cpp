@@ -143,13 +143,13 @@ void send(const AdapterContext& run, ArmIndex arm, Request request, double timeo
       return answered({.success = false, .reason = why});
   }
   std::shared_ptr<std::future<RequestAnswer>> future;
-  std::optional<GripperRequest> ending;
+  std::optional<GripperRequest> moving;
   const auto newest = [newest = run.newest, arm] { return newest ? newest(arm) : ArmSample{}; };
   try {
     auto answer = [&] {
       if constexpr (std::is_same_v<Request, GripperRequest>) {
         const ArmSample sample = newest();
-        ending = ending_of(request, sample.gripper_grasped);
+        if (ending_of(request, sample.gripper_grasped)) moving = request;
         if (!takes(run, arm, request, sample))
           return refuse_request(Followed::refusal(run.modes->arm_name(arm)));
         return multipanda::request_arm(*run.modes, *run.backend, arm, std::move(request), sample.mode);
@@ -164,11 +164,13 @@ void send(const AdapterContext& run, ArmIndex arm, Request request, double timeo
   const HostTime end = host_now() + std::chrono::nanoseconds(LoopTime::from_seconds(timeout_s).ns);
   const auto done = std::make_shared<std::atomic<bool>>(false);
   const bool refused = future->wait_for(std::chrono::seconds(0)) == std::future_status::ready;
-  if (ending && !refused) {  // with a stop of the arm, which no other callback delays
+  if (moving && !refused) {  // with a stop of the arm, which no other callback delays
     run.stops->poll_until([=, &run] {
       if (*done) return true;
-      if (!gripper_stops(*run.modes, arm, newest().mode)) return false;
-      (void)run.backend->request(arm, *ending);
+      const ArmSample sample = newest();
+      if (!gripper_stops(*run.modes, arm, sample.mode)) return false;
+      if (auto ending = ending_of(*moving, sample.gripper_grasped))
+        (void)run.backend->request(arm, std::move(*ending));
       return true;
     });
   }
