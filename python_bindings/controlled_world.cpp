@@ -149,7 +149,8 @@ void ControlledWorld::execute(const nlohmann::json& request) {
   const auto& asked = std::get<GripperRequest>(of_backend);
   const ArmState& now = cycle_->data().state[arm];
   const auto mode = static_cast<std::uint8_t>(now.mode);
-  if (!gripper_stops(cycle_->modes(), arm, mode) && ending_of(asked, now.gripper.grasped)) moving_[arm] = asked;
+  if (!gripper_stops(cycle_->modes(), arm, mode) && ending_of(asked, now.gripper.grasped))
+    moving_[arm] = asked;
   grippers_[arm] = request_arm(cycle_->modes(), *backend_, arm, asked, mode);
 }
 

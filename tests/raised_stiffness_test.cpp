@@ -278,8 +278,8 @@ TEST(RaisedStiffness, AnUndeclaredLoadRisesAndGoalsArrive) {
 
 // The axes of a stiffness that lie along the set-point's orientation do not turn with what a raised one sees.
 TEST(RaisedStiffness, DoesNotTurnTheAxesOfAnother) {
-  for (const std::string type : {"cartesian_impedance", "dual_cartesian_impedance",
-                                 "coupled_dual_cartesian_impedance", "ufic"}) {
+  for (const std::string type :
+       {"cartesian_impedance", "dual_cartesian_impedance", "coupled_dual_cartesian_impedance", "ufic"}) {
     for (int plant = 0; plant < 2; ++plant) {
       Bench bench({.type = type, .plant = plant_of(plant)});
       bench.set("stiffness_axes", {1});
@@ -300,7 +300,8 @@ TEST(RaisedStiffness, DoesNotTurnTheAxesOfAnother) {
   }
 }
 
-// An axis of a force takes the set-point to the hand, and what a raised stiffness left of the way goes with it.
+// An axis of a force takes the set-point to the hand, and what a raised stiffness left of the way goes with
+// it.
 TEST(RaisedStiffness, LeavesNothingAlongAnAxisOfAForce) {
   for (int plant = 0; plant < 2; ++plant) {
     for (const int on : {250, 600, 1000}) {

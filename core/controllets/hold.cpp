@@ -168,9 +168,9 @@ class Hold final : public Controllet {
   }
 
   // Where K rises, q_0 comes so near that the torque stays (raised_spring.hpp), and returns: a light arm that
-  // sagged under a load that nobody declared would be thrown up. Until it has returned, it comes no nearer than
-  // at first: stiffnesses that go up and down would let the load sink without end. Carriages slip. A stopped
-  // arm does not move.
+  // sagged under a load that nobody declared would be thrown up. Until it has returned, it comes no nearer
+  // than at first: stiffnesses that go up and down would let the load sink without end. Carriages slip. A
+  // stopped arm does not move.
   void raise(const JointVector& K, const JointVector& q, double dt) {
     if (dt > 0) raised_.advance(kReturnSpeed, kReturnAcceleration, dt);
     const bool rises = K_before_.size() == K.size() && (K_before_.array() < K.array()).any();

@@ -328,8 +328,8 @@ class Ufic final : public Controllet {
   // Its bound for contact closes the valve, too, so that the tanks' balance stays complete; not because of
   // the part of the pull that damping compensates anyway: a person who pushes the hand to its set-point takes
   // no energy.
-  double move_spring(const CartesianTarget& target, const TaskStiffness& K, const Pose& X,
-                     const Vector6& V, const Vector6& damping, const ControlContext& context) {
+  double move_spring(const CartesianTarget& target, const TaskStiffness& K, const Pose& X, const Vector6& V,
+                     const Vector6& damping, const ControlContext& context) {
     const double before = spring_.scale * spring_.energy;
     SpringState next{K, target.X_W_d, 0, 0};
     next.energy = next.energy_at(X);
