@@ -300,8 +300,7 @@ TEST(RaisedStiffness, DoesNotTurnTheAxesOfAnother) {
   }
 }
 
-// An axis of a force takes the set-point to the hand, and what a raised stiffness left of the way goes with
-// it.
+// An axis of a force takes the set-point to the hand, and with it what a raised stiffness left of the way.
 TEST(RaisedStiffness, LeavesNothingAlongAnAxisOfAForce) {
   for (int plant = 0; plant < 2; ++plant) {
     for (const int on : {250, 600, 1000}) {

@@ -182,7 +182,6 @@ TEST(ArmSensors, APandaHasTheGearsOfAnFr3) {
   for (int joint = 1; joint <= 7; ++joint)
     EXPECT_NEAR(ripple(panda, joint), joint <= 4 ? 240 : 160, 4) << joint;
   for (const int joint : {1, 2, 4, 7}) EXPECT_NEAR(ripple(fr3, joint), joint <= 4 ? 240 : 160, 4) << joint;
-  EXPECT_EQ(load_robot("fer").rotor_inertia, load_robot("fr3").rotor_inertia);
 }
 
 // The lag d of a velocity behind the slope of the position, dq = v - d a, with slopes over 20 ms.
