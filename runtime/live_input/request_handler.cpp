@@ -102,9 +102,7 @@ std::future<RequestAnswer> RequestHandler::abandon(Pending& pending) {
   const bool moves = moving && pending.answer.valid() &&
                      pending.answer.wait_for(std::chrono::seconds(0)) != std::future_status::ready;
   if (!moves) return {};
-  auto ending = ending_of(*moving, run_.latest->sample(pending.arm).gripper_grasped);
-  if (!ending) return {};
-  return run_.backend->request(pending.arm, std::move(*ending));
+  return run_.backend->request(pending.arm, *ending_of(*moving, false));
 }
 
 bool RequestHandler::only_holds(const Request& request) const {
