@@ -21,8 +21,8 @@ std::string reason(const MultimodeController& modes, const Request& request, Ver
                    Intervention rule = Intervention::none);
 
 // Sends a request to an arm of the run. A load is refused here while the arm is stopped or guided by hand,
-// because a wrong one would move it; a motion of the gripper while its arm is stopped, also by its button,
-// because a hand may be between its fingers. `mode`: of the arm, as in its samples.
+// because a wrong one would move it; a motion of the gripper while its arm is stopped, also by its button or
+// a reflex, because a hand may be between its fingers. `mode`: of the arm, as in its samples.
 std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend& backend, ArmIndex arm,
                                        ArmRequest request);
 std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend& backend, ArmIndex arm,

@@ -145,14 +145,17 @@ class Hold final : public Controllet {
     }
   }
 
-  // A stopped arm does not move. If q_0 was ahead of a returning joint, it waits there.
+  // A stopped arm does not move. If q_0 was ahead of a returning joint, it waits there; what a raised
+  // stiffness left of its way to others stays, since it carries what the arm does.
   void stay(const JointVector& q, bool just_stopped) {
     if (!just_stopped) return;
-    q_0_ += raised_.value();
-    raised_.start(q_0_.size());
+    JointVector by = JointVector::Zero(q.size());
     for (Eigen::Index i = 0; i < q.size(); ++i) {
-      if ((q_end_[i] - q_0_[i]) * (q_0_[i] - q[i]) > 0) q_0_[i] = q[i];
+      if ((q_end_[i] - q_0_[i]) * (q_0_[i] - q[i]) <= 0) continue;
+      q_0_[i] = q[i];
+      by[i] = -raised_.value()[i];
     }
+    raised_.shift(by);
   }
 
   // A hold often starts because of an invalid measurement. It holds the first valid one.

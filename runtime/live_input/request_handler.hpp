@@ -91,7 +91,7 @@ class RequestHandler {
     double patience_s = 0;                 // for the backend's answer, if it takes longer than usual
     nlohmann::json done;                   // added to the backend's answer if it succeeds
     ArmSet stopping;                       // arms of a stop request
-    std::optional<GripperRequest> moving;  // a gripper's motion, which a stop of its arm ends
+    std::optional<GripperRequest> moving;  // a gripper's motion that a stop, or who asks and goes, ends
     ArmIndex arm = 0;                      // of that gripper
     const void* client = nullptr;          // who asks
     std::string wrong;                     // in that request; empty: nothing

@@ -853,9 +853,13 @@ class WidthsBackend final : public Backend {
   std::future<RequestAnswer> request(ArmIndex, GripperRequest request) override {
     if (const auto* follow = std::get_if<GripperFollow>(&request))
       widths.push_back(follow->width.value_or(-1));
+    stops += std::holds_alternative<GripperStop>(request);
+    if (std::holds_alternative<GripperGrasp>(request)) return grasps.emplace_back().get_future();
     return answer_now({.success = true, .reason = {}});
   }
   std::vector<double> widths;
+  std::vector<std::promise<RequestAnswer>> grasps;  // under way
+  int stops = 0;
 };
 
 class FollowingTest : public RequestsTest {
@@ -888,11 +892,12 @@ class FollowingTest : public RequestsTest {
     return old;
   }
   static json move(double width) { return {{"action", "move"}, {"width_m", width}}; }
-  void shows(ArmMode mode) {
+  void shows(ArmMode mode, bool grasped = false) {
     CycleRecord record(2, 0, 0);
     record.cycle = 1;
     record.arms[0].has_gripper = true;
     record.arms[0].gripper_width = 0.05;
+    record.arms[0].gripper_grasped = grasped;
     record.arms[0].mode = static_cast<std::uint8_t>(mode);
     fixture_.latest.take(record);
   }
@@ -1000,6 +1005,25 @@ TEST(GripperMotion, EndsAsItBegan) {
   EXPECT_EQ(end(GripperFollow{}), -1);
   EXPECT_EQ(end(GripperStop{}), -1);
   EXPECT_EQ(end(VacuumStop{}), -1);
+}
+
+// Fingers that go on closing on what the arm has just hit would hold it; what they have grasped would fall.
+TEST_F(FollowingTest, AReflexEndsAGraspThatHoldsNothingYet) {
+  for (const bool grasped : {false, true}) {
+    shows(ArmMode::move);
+    RequestHandler::Pending pending;
+    pending.client = &one_;
+    (void)handler_.begin(
+        {{"do", "gripper"}, {"arm", "arm0"}, {"action", "grasp"}, {"width_m", 0.03}, {"force_n", 40}},
+        pending);
+    EXPECT_FALSE(handler_.poll(pending));
+    const int before = grippers_.stops;
+    shows(ArmMode::reflex, grasped);
+    EXPECT_FALSE(handler_.poll(pending));
+    EXPECT_FALSE(handler_.poll(pending));
+    EXPECT_EQ(grippers_.stops - before, grasped ? 0 : 1);
+    EXPECT_THAT(send(move(0.01), one_), HasSubstr("is stopped by a reflex, and so is its gripper: recover"));
+  }
 }
 
 // A person presses the arm's button.
