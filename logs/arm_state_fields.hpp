@@ -6,7 +6,7 @@
 
 #include "core/record/record_fields.hpp"
 
-// Maps between the quantities of an arm (core/record/arm_sample.hpp) and messages about it, of logs and ROS:
+// Maps between the quantities of an arm (core/state/arm_sample.hpp) and messages about it, of logs and ROS:
 // each quantity names its field of the message.
 namespace multipanda {
 
@@ -44,6 +44,7 @@ void set_field(Field& out, const T& value, std::size_t joints, bool known) {
 template <class Message>
 void set_measured(Message& out, const ArmSample& sample, std::size_t joints) {
   MULTIPANDA_MEASURED_FIELDS(MULTIPANDA_SET)
+  MULTIPANDA_REPORTED_FIELDS(MULTIPANDA_SET)
 }
 
 // Sets the loop's decisions for the arm and the commands sent to it.

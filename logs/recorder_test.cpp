@@ -207,7 +207,7 @@ TEST(Recorder, FourArmsEverySample) {
   EXPECT_NEAR(timing[10].total, 15e-6, 1e-15);
 }
 
-// Every field of a message that the table of core/record/arm_sample.hpp names, in one of the log's messages.
+// Every field of a message that the table of core/state/arm_sample.hpp names, in one of the log's messages.
 TEST(Recorder, EveryQuantityOfAnArmIsInTheLog) {
   const TestFolder folder;
   const auto log = folder / "log.mcap";

@@ -23,7 +23,7 @@
 namespace multipanda {
 
 // Where the numbers of each arm and of each free object lie. An arm has the quantities of
-// core/record/arm_sample.hpp by name, then X_WE, `gripper` (width, grasped, moving) and `held`; an object has
+// core/state/arm_sample.hpp by name, then X_WE, `gripper` (width, grasped, moving) and `held`; an object has
 // X_WO. Poses are x y z, qw qx qy qz.
 class StateRow {
  public:

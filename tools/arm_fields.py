@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compares messages and docs with the quantities that core/record/arm_sample.hpp declares; prints faults, ends with 1.
+"""Compares messages and docs with the quantities that core/state/arm_sample.hpp declares; prints faults, ends with 1.
 
 arm_fields.py           checks that the messages of logs and ROS hold each quantity, with its type and unit
 arm_fields.py --write   appends what a message lacks, and writes the table of docs/live_input.md
@@ -16,7 +16,7 @@ from project_files import ROOT
 sys.path.insert(0, str(ROOT / "logs"))
 from generate_messages import UNIT, Message
 
-HEADER = "core/record/arm_sample.hpp"
+HEADER = "core/state/arm_sample.hpp"
 MESSAGES = ROOT / "ros/multipanda_msgs/msg"
 PAGE, BEGIN, END = ROOT / "docs/live_input.md", "<!-- written by tools/arm_fields.py -->", "<!-- end of quantities -->"
 TYPES = {  # of a message's field
@@ -62,7 +62,7 @@ class Field(NamedTuple):
 def fields(text: str) -> list[Field]:
     """The lines of the tables in the header."""
     found = []
-    for part in re.split(r"#define MULTIPANDA_(?=MEASURED|COMMANDED)", text)[1:]:
+    for part in re.split(r"#define MULTIPANDA_(?=MEASURED|REPORTED|COMMANDED)", text)[1:]:
         lines = part.split("\n\n")[0].replace("\\\n", "\n")
         for line in re.finditer(r"FIELD\(([\w:]+), (\w+), (\w+), (\w+), (\w+),\s*(\".*?\")\)\s", lines + "\n"):
             *words, doc = line.groups()

@@ -65,7 +65,7 @@ TEST(LogTable, HasEveryCycleOfAShortLog) {
   EXPECT_FALSE(table.events().empty());
 }
 
-// By the walk over the table of core/record/arm_sample.hpp; in single precision.
+// By the walk over the table of core/state/arm_sample.hpp; in single precision.
 TEST(LogTable, HasEveryQuantityOfTheArm) {
   const LogTable table(run().log);
   FieldList list(0);

@@ -7,32 +7,18 @@
 namespace multipanda {
 namespace {
 
-void copy_joints(const JointVector& from, JointArray& to) {
-  std::copy_n(from.data(), from.size(), to.begin());
-}
+void copy(const JointVector& from, JointArray& to) { std::copy_n(from.data(), from.size(), to.begin()); }
 
-void copy_wrench(const Wrench& from, std::array<double, 6>& to) {
-  std::copy_n(from.vector.data(), from.vector.size(), to.begin());
-}
+void copy(const Wrench& from, WrenchArray& to) { std::copy_n(from.vector.data(), to.size(), to.begin()); }
 
-void copy_pose(const Pose& from, std::array<double, 12>& to) {
+void copy(const Pose& from, PoseArray& to) {
   std::copy_n(from.position.data(), 3, to.begin());
   std::copy_n(from.rotation.data(), 9, to.begin() + 3);
 }
 
-void set_report(ArmSample& sample, const InterfaceReport& report) {
-  sample.has_report = report.present;
-  copy_joints(report.q_d, sample.q_d);
-  copy_joints(report.dq_d, sample.dq_d);
-  copy_joints(report.theta, sample.theta);
-  copy_pose(report.X_BE_d, sample.X_BE_d);
-  copy_pose(report.X_BE_c, sample.X_BE_c);
-  sample.elbow = report.elbow;
-  sample.joint_contact = report.joint_contact;
-  sample.joint_collision = report.joint_collision;
-  sample.cartesian_contact = report.cartesian_contact;
-  sample.cartesian_collision = report.cartesian_collision;
-  sample.last_motion_errors = report.last_motion_errors;
+template <class T>
+void copy(const T& from, T& to) {
+  to = from;
 }
 
 }  // namespace
@@ -53,14 +39,17 @@ void set_state(ArmSample& sample, const ArmState& state) {
   sample.gripper_moving = state.gripper.moving;
   sample.gripper_width = state.gripper.width;
   sample.gripper_max_width = state.gripper.max_width;
-  copy_joints(state.q, sample.q);
-  copy_joints(state.dq, sample.dq);
-  copy_joints(state.tau_J, sample.tau_J);
-  copy_joints(state.tau_J_d, sample.tau_J_d);
-  copy_joints(state.tau_ext_hat, sample.tau_ext);
-  copy_wrench(state.F_K_W_est, sample.F_K_W_est);
-  copy_wrench(state.F_K_W_true, sample.F_K_W_true);
-  set_report(sample, state.report);
+  copy(state.q, sample.q);
+  copy(state.dq, sample.dq);
+  copy(state.tau_J, sample.tau_J);
+  copy(state.tau_J_d, sample.tau_J_d);
+  copy(state.tau_ext_hat, sample.tau_ext);
+  copy(state.F_K_W_est, sample.F_K_W_est);
+  copy(state.F_K_W_true, sample.F_K_W_true);
+  sample.has_report = state.report.present;
+#define MULTIPANDA_COPY(type, member, name, message, known, doc) copy(state.report.member, sample.member);
+  MULTIPANDA_REPORTED_FIELDS(MULTIPANDA_COPY)
+#undef MULTIPANDA_COPY
 }
 
 void ControlCycle::take_sample(ArmIndex arm, ArmSample& sample) const {
@@ -68,9 +57,9 @@ void ControlCycle::take_sample(ArmIndex arm, ArmSample& sample) const {
   sample.owner = modes_->owner(arm);
   sample.interventions = safety_.counted(arm);
   sample.due = data_.tick.due.contains(arm);
-  copy_joints(data_.tau_controllet[arm], sample.tau_controllet);
-  copy_joints(data_.tau_feature[arm], sample.tau_feature);
-  copy_joints(data_.tau_cmd[arm], sample.tau_cmd);
+  copy(data_.tau_controllet[arm], sample.tau_controllet);
+  copy(data_.tau_feature[arm], sample.tau_feature);
+  copy(data_.tau_cmd[arm], sample.tau_cmd);
 }
 
 // Copies the step's measurements, decisions and commands into a slot of the ring. A full ring counts as a

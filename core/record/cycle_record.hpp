@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "core/record/arm_sample.hpp"
 #include "core/rt/spsc_ring.hpp"
+#include "core/state/arm_sample.hpp"
 #include "core/types/capacity.hpp"
 #include "core/types/codes.hpp"
 #include "core/types/time.hpp"

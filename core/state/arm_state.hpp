@@ -1,9 +1,10 @@
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <string_view>
+#include <type_traits>
 
+#include "core/state/arm_sample.hpp"
 #include "core/types/joints.hpp"
 #include "core/types/spatial.hpp"
 #include "core/types/time.hpp"
@@ -52,19 +53,18 @@ struct GripperState {
   bool moving = false;              // a request is in progress
 };
 
+// The state's own type for one of the tables.
+template <class T>
+using InState = std::conditional_t<std::is_same_v<T, JointArray>, JointVector,
+                                   std::conditional_t<std::is_same_v<T, PoseArray>, Pose, T>>;
+
 // What the arm's own interface follows and signals besides its measurements. For display and records; no law
 // reads it. `present` is false if the backend does not provide it.
 struct InterfaceReport {
   bool present = false;
-  JointVector q_d, dq_d;                 // desired joint motion [rad], [rad/s] (n x 1)
-  JointVector theta;                     // motor position [rad] (n x 1)
-  Pose X_BE_d, X_BE_c;                   // O_T_EE_d: desired; O_T_EE_c: last commanded
-  std::array<double, 2> elbow{};         // position of joint 3 [rad], sign of joint 4
-  std::uint16_t joint_contact = 0;       // bit i: joint i+1 is above its lower threshold
-  std::uint16_t joint_collision = 0;     // above its upper threshold; kept until recovery
-  std::uint8_t cartesian_contact = 0;    // bits: x y z roll pitch yaw, in K
-  std::uint8_t cartesian_collision = 0;  // kept until recovery
-  std::uint64_t last_motion_errors = 0;  // why the last motion ended; bit i: error flag i
+#define MULTIPANDA_REPORT(type, member, name, message, known, doc) InState<type> member{};
+  MULTIPANDA_REPORTED_FIELDS(MULTIPANDA_REPORT)
+#undef MULTIPANDA_REPORT
 };
 
 struct ArmState {

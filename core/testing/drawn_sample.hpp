@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "core/record/arm_sample.hpp"
+#include "core/state/arm_sample.hpp"
 #include "core/types/spatial.hpp"
 
 // A sample of an arm with drawn quantities, and what each encoding must hold of them.

@@ -59,7 +59,7 @@ class RequestsTest : public testing::Test {
   RequestHandler handler_;
 };
 
-// By the walk over the table of core/record/arm_sample.hpp. What the arm does not report is absent.
+// By the walk over the table of core/state/arm_sample.hpp. What the arm does not report is absent.
 TEST(StateOf, HoldsEveryQuantityOfAnArm) {
   std::mt19937_64 random(3);
   for (const bool reports : {true, true, false}) {

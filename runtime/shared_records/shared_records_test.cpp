@@ -183,7 +183,7 @@ TEST(SharedRecordsTest, EveryNumberOfARecordIsThere) {
   }
 }
 
-// By the walk over the table of core/record/arm_sample.hpp.
+// By the walk over the table of core/state/arm_sample.hpp.
 TEST(SharedRecordsTest, EveryQuantityOfAnArmIsThereAndKnownOrNot) {
   Fixture fixture;
   CycleRecord record = fixture.step();

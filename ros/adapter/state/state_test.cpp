@@ -370,7 +370,7 @@ TEST_F(Arms, SettingsFollowTheArmsReport) {
   EXPECT_TRUE(state.error_names.empty());
 }
 
-// Every field of the message that the table of core/record/arm_sample.hpp names; the poses in the base are
+// Every field of the message that the table of core/state/arm_sample.hpp names; the poses in the base are
 // not: the message has them in the world.
 TEST_F(Arms, StateHoldsEveryQuantityOfTheArm) {
   std::mt19937_64 random(8);

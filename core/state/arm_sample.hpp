@@ -8,14 +8,15 @@
 
 // One arm in one cycle. Each quantity is one line of the tables below. From it come the member of ArmSample,
 // its field in shared records, which Python and the page read by name, in the JSON of a run's state, in the
-// rows of worlds in Python, and in the messages of logs and ROS. tools/arm_fields.py adds new lines to the
-// .msg files and to docs/live_input.md.
+// rows of worlds in Python, and in the messages of logs and ROS; of what an arm's interface reports, the
+// member of InterfaceReport, too. tools/arm_fields.py adds new lines to the .msg files and to
+// docs/live_input.md.
 //
 //   FIELD(type, member, name, message field, known, description [unit])
 //
 // `name` is the key in records and JSON, with its unit. `known` is the member that says whether the arm
 // reports the quantity; otherwise a list of numbers is empty, or not numbers where it has a fixed place. A
-// member that no message has is named no_message. record_cycle.cpp sets the members.
+// member that no message has is named no_message. record_cycle.cpp sets the members of the other tables.
 namespace multipanda {
 
 using JointArray = std::array<double, kMaxJoints>;  // the first joint_count values are valid
@@ -52,7 +53,10 @@ using AxisFlags = std::bitset<6>;            // x y z roll pitch yaw
         "holds an object of the requested width")                                                                      \
   FIELD(bool, gripper_moving, gripper_moving, gripper_moving, has_gripper, "carries out a request")                    \
   FIELD(double, gripper_max_width, gripper_max_width_m, gripper_max_width, has_gripper, "0 until it is known [m]")     \
-  FIELD(bool, has_report, has_report, has_report, always, "the fields from q_d to last_motion_errors are valid")       \
+  FIELD(bool, has_report, has_report, has_report, always, "the quantities of the next table are valid")
+
+// What its own interface follows and signals besides; the members of InterfaceReport.
+#define MULTIPANDA_REPORTED_FIELDS(FIELD)                                                                              \
   FIELD(JointArray, q_d, q_d_rad, q_d, has_report, "desired joint position [rad]")                                     \
   FIELD(JointArray, dq_d, dq_d_rad_per_s, dq_d, has_report, "desired joint velocity [rad/s]")                          \
   FIELD(JointArray, theta, theta_rad, theta, has_report, "motor position [rad]")                                       \
@@ -78,7 +82,10 @@ using AxisFlags = std::bitset<6>;            // x y z roll pitch yaw
   FIELD(JointArray, tau_feature, tau_feature_nm, tau_feature, always, "sum over the owner's features [N m]")           \
   FIELD(JointArray, tau_cmd, tau_cmd_nm, tau_cmd, always, "sent, after the safety stage [N m]")
 
-#define MULTIPANDA_ARM_FIELDS(FIELD) MULTIPANDA_MEASURED_FIELDS(FIELD) MULTIPANDA_COMMANDED_FIELDS(FIELD)
+#define MULTIPANDA_ARM_FIELDS(FIELD)   \
+  MULTIPANDA_MEASURED_FIELDS(FIELD)    \
+  MULTIPANDA_REPORTED_FIELDS(FIELD)    \
+  MULTIPANDA_COMMANDED_FIELDS(FIELD)
 // clang-format on
 
 struct ArmSample {
