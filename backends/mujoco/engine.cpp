@@ -2,7 +2,6 @@
 #include "backends/mujoco/engine.hpp"
 
 #include <array>
-#include <atomic>
 #include <csetjmp>
 #include <cstdio>
 #include <cstdlib>
@@ -22,30 +21,18 @@ namespace {
 constexpr std::size_t kText = 512;
 thread_local std::jmp_buf* return_point = nullptr;
 thread_local std::array<char, kText> error_text{};
-std::atomic<std::uint64_t> warning_count{0};
-// Written by the thread that acquires the flag, so that a warning in the loop never waits.
-std::atomic_flag warning_text_busy = ATOMIC_FLAG_INIT;
-std::array<char, kText> warning_text{};
-
-void copy_text(const char* from, std::array<char, kText>& to) {
-  std::strncpy(to.data(), from, kText - 1);
-  to[kText - 1] = '\0';
-}
 
 // MuJoCo is C: longjmp skips no destructors here; an exception would pass through frames that cannot unwind.
 void on_error(const char* message) {
-  copy_text(message, error_text);
+  std::strncpy(error_text.data(), message, kText - 1);
+  error_text[kText - 1] = '\0';
   if (return_point != nullptr) std::longjmp(*return_point, 1);
   std::fprintf(stderr, "MuJoCo error outside a guarded call: %s\n", message);
   std::abort();
 }
 
-void on_warning(const char* message) {
-  warning_count.fetch_add(1, std::memory_order_relaxed);
-  if (warning_text_busy.test_and_set(std::memory_order_acquire)) return;
-  copy_text(message, warning_text);
-  warning_text_busy.clear(std::memory_order_release);
-}
+// MuJoCo's own handler writes a file.
+void on_warning(const char*) {}
 
 }  // namespace
 
@@ -60,16 +47,6 @@ bool without_engine_error(void (*work)(void*), void* argument) {
 }
 
 const char* last_engine_error() { return error_text.data(); }
-
-std::uint64_t engine_warnings() { return warning_count.load(std::memory_order_relaxed); }
-
-std::string last_engine_warning() {
-  while (warning_text_busy.test_and_set(std::memory_order_acquire)) {
-  }
-  std::string text = warning_text.data();
-  warning_text_busy.clear(std::memory_order_release);
-  return text;
-}
 
 void load_engine() {
   static std::once_flag once;

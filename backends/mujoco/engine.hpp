@@ -57,11 +57,6 @@ bool without_engine_error(Work&& work) {
 
 const char* last_engine_error();
 
-// Warnings of MuJoCo in this process since its start.
-std::uint64_t engine_warnings();
-// Text of the last one, empty if none. Off the loop.
-std::string last_engine_warning();
-
 // Must be called before any use of MuJoCo, off the loop: loads it (engine.hpp) and sets these handlers.
 // Throws std::runtime_error if there is no library.
 void load_engine();

@@ -57,9 +57,6 @@ Matrix coupled_damping(const Matrix& inertia, const Matrix& stiffness, double ze
 // The same for a task, linear first: [N s/m, N m s/rad] from [kg, kg m^2] and [N/m, N m/rad].
 Matrix6 task_damping(const Matrix6& Lambda, const Matrix6& stiffness, double zeta);
 
-// The same for joints, with diagonal stiffness (n x 1) [N m/rad]: (n x n) [N m s/rad].
-JointMatrix joint_damping(const JointMatrix& M, const JointVector& stiffness, double zeta);
-
 // Each joint alone: d_i = 2 zeta sqrt(k_i M_ii), (n x 1) [N m s/rad]. Cheaper; exact only if M is diagonal.
 JointVector diagonal_damping(const JointMatrix& M, const JointVector& stiffness, double zeta);
 

@@ -65,7 +65,8 @@ TEST(DampingDesign, JointsOfAnyCount) {
     for (Eigen::Index i = 0; i < A.size(); ++i) A.data()[i] = draw.uniform(-1, 1);
     const JointMatrix M = A * A.transpose() + 0.1 * JointMatrix::Identity(size, size);
     const JointVector K = draw.joints(n, 200) + joint_constant(n, 250);
-    for (const Mode& mode : modes_of(M, joint_damping(M, K, 0.6), K.asDiagonal().toDenseMatrix())) {
+    for (const Mode& mode :
+         modes_of(M, coupled_damping(M, JointMatrix(K.asDiagonal()), 0.6), K.asDiagonal().toDenseMatrix())) {
       EXPECT_NEAR(mode.ratio, 0.6, 1e-6) << n << " joints";
     }
   }
@@ -110,7 +111,8 @@ TEST(DampingDesign, FastModesDecayBehindTwoPeriods) {
   for (const double zeta : {0.5, 0.7, 1.0, 1.5, 2.0}) {
     for (double w = 20; w <= 295; w += 5) {
       const double k = w * w;
-      const double d = joint_damping(JointMatrix::Identity(1, 1), joint_constant(1, k), zeta)(0, 0);
+      const double d = coupled_damping(JointMatrix(JointMatrix::Identity(1, 1)),
+                                       JointMatrix(JointMatrix::Constant(1, 1, k)), zeta)(0, 0);
       EXPECT_NEAR(d, std::min(std::max(2 * zeta * w, 0.01 * k), kLargestModalDamping), 1e-9);
       EXPECT_LT(growth(k, d, 1), 1) << w << " rad/s, " << zeta;
       EXPECT_LT(growth(k, d, 2), 1) << w << " rad/s, " << zeta;

@@ -70,9 +70,7 @@ bool RecordRelay::hand_on() {
   }
   if (const CycleRecord* record = ring_.ring.front()) {
     busy = true;
-    const HostTime begin = host_now();
     give(*record);
-    busy_ns_.fetch_add((host_now() - begin).count(), std::memory_order_relaxed);
     ring_.ring.pop();
     handed_on_.fetch_add(1, std::memory_order_release);
   }
@@ -90,13 +88,6 @@ void RecordRelay::give(const What& what) {
       has_failed_[i] = true;
     }
   }
-}
-
-double RecordRelay::mean_time_s() const {
-  const auto count = handed_on_.load(std::memory_order_acquire);
-  return count == 0 ? 0
-                    : 1e-9 * static_cast<double>(busy_ns_.load(std::memory_order_relaxed)) /
-                          static_cast<double>(count);
 }
 
 }  // namespace multipanda::ros

@@ -33,8 +33,6 @@ class RecordRelay {
            ring_.dropped_events.load(std::memory_order_relaxed);
   }
   std::uint64_t handed_on() const { return handed_on_.load(std::memory_order_acquire); }  // records
-  // Mean time of all parts together for one record [s].
-  double mean_time_s() const;
 
  private:
   void run();
@@ -52,7 +50,6 @@ class RecordRelay {
   std::atomic<bool> waiting_{false};      // the thread sleeps or is about to sleep
   std::atomic<bool> stop_{false};
   std::atomic<std::uint64_t> handed_on_{0};
-  std::atomic<std::int64_t> busy_ns_{0};
   std::thread thread_;
 };
 

@@ -72,10 +72,4 @@ std::size_t Node::publishers_of(const std::string& topic) const {
   return count;
 }
 
-std::size_t Node::subscribers_of(const std::string& topic) const {
-  std::size_t count = 0;
-  check(rcl_count_subscribers(node_, resolve(topic).c_str(), &count), "counting subscribers of " + topic);
-  return count;
-}
-
 }  // namespace multipanda::ros

@@ -55,10 +55,9 @@ class Node {
     (taken ? published_ : publish_failures_).fetch_add(1, std::memory_order_relaxed);
   }
 
-  // Other nodes, and the number of publishers and subscribers of a topic: for tests of the graph.
+  // Other nodes, and the number of publishers of a topic: for tests of the graph.
   std::vector<std::string> other_nodes() const;
   std::size_t publishers_of(const std::string& topic) const;
-  std::size_t subscribers_of(const std::string& topic) const;
 
  private:
   rcl_node_t own_;
