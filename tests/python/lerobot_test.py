@@ -671,7 +671,7 @@ class Packages(unittest.TestCase):
         self.assertEqual(servos.type, "multipanda_servo_leader")
         leader = package.MultipandaServoLeader(servos)
         self.assertEqual(list(leader.action_features)[-2:], ["a_joint7.pos", "a_gripper.pos"])
-        with self.assertRaisesRegex(mp.Refused, "a.json is no calibration of a leader"):
+        with self.assertRaisesRegex(mp.Refused, "a.json is not a calibration of a leader"):
             leader.connect()
         with self.assertRaisesRegex(ValueError, "files: expected one for each of the arms a"):
             package.MultipandaServoLeaderConfig(arms=["a"])
