@@ -40,13 +40,12 @@ class JointImpedance final : public Controllet {
                  .doc = "Joint damping D if damping_design is 'given'; limited by the joint's inertia at 1 "
                         "kHz."}),
             parameter_at<kDampingOf>(damping_of_parameter()),
-            parameter_at<kVelocityWeight>(
-                {.name = "velocity_weight",
-                 .initial = {1.0},
-                 .min = 0.5,
-                 .max = 1,
-                 .doc = "Weight a of a low-pass before D, which acts on a dq + (1 - a) "
-                        "times the previous dq; 1: none."})),
+            parameter_at<kVelocityWeight>({.name = "velocity_weight",
+                                           .initial = {1.0},
+                                           .min = 0.5,
+                                           .max = 1,
+                                           .doc = "Weight a: D acts on a dq + (1 - a) times the previous dq; "
+                                                  "1: dq itself."})),
         .outputs = spec_table<kOutputCount>(
             output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
             output_at<kLargestTorque>("largest_torque_nm", "Largest |tau| of all joints."),

@@ -273,11 +273,7 @@ def _drive(options: argparse.Namespace) -> None:
     with connect(options.run) as client:
         arms = options.arms or list(client.arms)
     if len(arms) != len(options.files):
-        raise Refused(
-            "wrong_size",
-            f"{len(options.files)} leaders for {', '.join(arms)}",
-            "name the arms that they lead with --arms",
-        )
+        raise Refused("wrong_size", f"{len(options.files)} leaders for {', '.join(arms)}", "name them with --arms")
     with contextlib.ExitStack() as stack:
         pedal = stack.enter_context(Pedal(options.pedal, keys)) if options.pedal else None
         lead(options.run, dict(zip(arms, options.files)), pedal)

@@ -120,7 +120,7 @@ class Features(unittest.TestCase):
             (RobotSettings, {"max_jump_rad": 4.0}, "at most 3.14"),
             (RobotSettings, {"max_jump_m": math.nan}, "max_jump_m"),
             (RobotSettings, {"scene": "a", "socket": "b"}, "found both"),
-            (RobotSettings, {"addresses": {"arm": "127.0.0.1"}}, "name the scene"),
+            (RobotSettings, {"addresses": {"arm": "127.0.0.1"}}, "need a scene"),
             (LeaderSettings, {"leaders": ["a"], "arms": ["b", "c"]}, "one for each of 1 leaders"),
             (LeaderSettings, {"leaders": ["a"], "arms": ["b"], "guides": {"b": ""}}, "not among the arms a"),
             (MouseSettings, {"arms": ["a", "b"]}, "one for each"),
