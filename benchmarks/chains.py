@@ -90,7 +90,7 @@ def of_leaders(where, address, rounds, random, environment):
                 setpoint, arm = swing(run, lambda q: pose(servos, q), start, rounds // 10)
                 if program.poll() is not None:
                     sys.exit("the leader's program has ended: this computer is too busy")
-                spread(f"a swinging leader's set-point is behind it, {where}", setpoint)
+                spread(f"lag of the set-point behind a swinging leader, {where}", setpoint)
                 spread(f"and the arm, {where}", arm)
             finally:
                 program.terminate()

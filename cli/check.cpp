@@ -45,7 +45,7 @@ int run(const std::string& name) {
     if (!arm.unguarded.empty())
       fmt::print("    not checked for collisions: {}\n", fmt::join(arm.unguarded, ", "));
     if (!arm.left_out_friction.empty())
-      fmt::print("    the URDF's friction is not simulated, link_friction of the model's file would be: {}\n",
+      fmt::print("    the URDF's friction is not simulated; give link_friction in the model's file: {}\n",
                  fmt::join(arm.left_out_friction, ", "));
   }
   for (const auto& object : scene.objects) {

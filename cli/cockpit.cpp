@@ -55,8 +55,8 @@ void add_cockpit(Program& program) {
       program.add("cockpit", "Show recorded logs in a browser on this computer, until Ctrl-C",
                   "  multipanda cockpit runs                           the newest run in runs\n"
                   "  multipanda cockpit runs/before runs/after         two runs, compared");
-  option(command, "log", arguments->log,
-         "Log, folder of a run, or of several runs, of which the newest is used", required, named("LOG"));
+  option(command, "log", arguments->log, "Log, folder of a run, or folder of runs (the newest is used)",
+         required, named("LOG"));
   option(command, "other", arguments->other, "Log that is compared with it", named("LOG"));
   option(command, "--port", arguments->port,
          fmt::format("Port of 127.0.0.1 (default {}, or a free one; 0: a free one)", kUsualCockpitPort),

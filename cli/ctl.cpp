@@ -220,7 +220,7 @@ int ask(const CtlOptions& options, json request) {
   return code;
 }
 
-// The named run's arms, or those of all runs; of all runs, too, if nobody listens at the named socket. No run
+// The named run's arms, or those of all runs; of all runs, too, if no run listens at the named socket. No run
 // waits for another one.
 int stop(const CtlOptions& options) {
   const std::string here = options.socket.empty() ? "" : std::filesystem::absolute(options.socket).string();

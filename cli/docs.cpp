@@ -51,12 +51,12 @@ int print_page(const std::string& name) {
 
 void add_docs(Program& program) {
   auto page = std::make_shared<std::string>();
-  CLI::App* command = program.add("docs", "Print a page of the documentation, or their names",
+  CLI::App* command = program.add("docs", "Print a page of the documentation, or list the pages",
                                   "  multipanda docs errors\n"
                                   "  multipanda docs scene > docs/scene_reference.md");
   command->add_option("page", *page,
-                      "As messages name it (docs/errors.md) or shorter (errors); scene: the reference of "
-                      "scene files, from this program");
+                      "Page, as in messages (docs/errors.md) or short (errors); scene: the reference of "
+                      "scene files");
   program.on(command, [page] { return print_page(*page); });
 }
 

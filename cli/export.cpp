@@ -28,8 +28,7 @@ int export_model(const ExportOptions& options) {
   namespace fs = std::filesystem;
   const RobotDescription robot = load_robot(options.what);
   if (!robot.left_out_friction.empty())
-    fmt::print(stderr,
-               "note: the URDF's friction is left out, link_friction of the model's file would not be: {}\n",
+    fmt::print(stderr, "note: the URDF's friction is left out; give link_friction in the model's file: {}\n",
                fmt::join(robot.left_out_friction, ", "));
   const fs::path folder = options.out.empty() ? "." : options.out;
   fs::create_directories(folder);

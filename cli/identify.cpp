@@ -66,10 +66,9 @@ void say(const Identification& id, const Console& console) {
                     "over joints)",
                     id.rmse_expected.mean()));
   }
-  console.line(
-      fmt::format("all data: {:.4f} N m; bodies {}; condition number {:.1f} (columns of one length: {:.1f})",
-                  id.rmse_all.mean(), id.consistent ? "possible" : "NOT possible", id.linear.condition.raw,
-                  id.linear.condition.scaled));
+  console.line(fmt::format(
+      "all data: {:.4f} N m; bodies {}; condition number {:.1f} (scaled columns: {:.1f})", id.rmse_all.mean(),
+      id.consistent ? "possible" : "NOT possible", id.linear.condition.raw, id.linear.condition.scaled));
   for (const ModelBeside& model : id.beside)
     console.line(fmt::format("  {:<44} {:.4f} N m", model.name, model.mean));
   if (id.payload) {

@@ -156,7 +156,7 @@ void add_law(Program& program) {
          within(1, 10000000));
   option(command, "--seed", arguments->trial.seed, "Seed of the states (default 1)");
   option(command, "--repeats", arguments->trial.repeats,
-         "Ticks on each state, of which the shortest counts (default 3)", within(1, 1000));
+         "Ticks on each state; the shortest counts (default 3)", within(1, 1000));
   option(command, "--most-us", arguments->trial.most_us,
          "Largest processor time of a tick at 99.9 % [us] (default 100)", within(0.001, 1e6));
   option(command, "--samples", arguments->samples,

@@ -10,7 +10,7 @@
 #include "sysid/identification/identification_json.hpp"
 
 // `multipanda predict` compares the torque that models predict for the motion of a log with the measured one;
-// `multipanda observe` shows what of the measured one comes from outside.
+// `multipanda observe` shows how much of the measured one is external.
 namespace multipanda::cli {
 namespace {
 
@@ -90,7 +90,7 @@ nlohmann::ordered_json say(const char* what, std::vector<Touches> found, const T
   if (all.touches > 0) {
     const double delay = all.delays.empty() ? 0 : median(all.delays);
     line += fmt::format(
-        "; of {} labeled {} missed, {} false, median delay {:.0f} ms; none false above {:.2f} N m",
+        "; of {} labeled {} missed, {} false, median delay {:.0f} ms; no false one above {:.2f} N m",
         all.touches, all.missed, all.false_alarms, 1e3 * delay, all.quiet);
     out["labeled"] = all.touches;
     out["missed"] = all.missed;

@@ -104,7 +104,7 @@ void add_report(Program& program) {
                   "  multipanda report measured.npz                    of another program's recording\n"
                   "  multipanda report runs --cockpit                  shows it, as multipanda cockpit does");
   option(command, "directory", arguments->directory,
-         "Log, folder of a run, or of several runs, of which the newest is used", required, named("DIR"));
+         "Log, folder of a run, or folder of runs (the newest is used)", required, named("DIR"));
   add_cockpit_arguments(
       command, arguments->cockpit,
       "Show the log in a browser on this computer instead, until Ctrl-C, as multipanda cockpit "

@@ -67,7 +67,7 @@ void add_soak(Program& program) {
          positive, shown);
   command->add_flag("--bare-joints", arguments->options.bare_joints,
                     "Assume no motor inertia (0.1 kg m^2 per joint) where an arm's model states none");
-  option(command, "--out", arguments->out, "Folder for the run's folder", shown);
+  option(command, "--out", arguments->out, "Folder in which the run's folder is created", shown);
   command->add_flag("--no-page", arguments->no_page, "Write soak.json only");
   program.on(command, [arguments] { return run(*arguments); });
 }

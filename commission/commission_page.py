@@ -110,7 +110,7 @@ def base_section(state):
     for name, base in state["steps"].get("bases", {}).get("measured", {}).items():
         found = place(base["position_m"], base["rpy_rad"])
         before = place(base["scene_position_m"], base["scene_rpy_rad"])
-        yield page.facts([(f"base of '{name}', measured", found), ("in the scene before", before)])
+        yield page.facts([(f"base of '{name}', measured", found), ("previously in the scene", before)])
         rows = [[f"point {k + 1}", f"{1e3 * value:.2f}"] for k, value in enumerate(base["residual_m"])]
         yield page.table(["", "residual [mm]"], rows)
 

@@ -139,7 +139,7 @@ StepResult run_network(Context& context) {
                    context.virtual_arms() ? kShown : 100 * limit,
                    "this computer wakes too late: see the doctor's line on timer wake-up",
                    fmt::format("{} of {:.0f}", stream.outdated, sent));
-    // For the torque both count as missed.
+    // Lost and late states both leave a torque unanswered.
     result.at_most(name, "states lost or read late", share(stream.lost), "%",
                    context.virtual_arms() ? kShown : 100 * limit, "see the two lines above for the cause",
                    fmt::format("{} of {:.0f}", stream.lost, sent));

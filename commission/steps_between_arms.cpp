@@ -123,11 +123,11 @@ StepResult run_bases(Context& context) {
                    "touches the point",
                    "of the points: " + each + " mm");
     result.show(name, "uncertain rotation about the line of the points", 1e3 * fit.angle_rad, "mrad");
-    result.at_most(name, "base away from the scene's", 1e3 * moved.head<3>().norm(), "mm", 1e3 * kBaseMoved_m,
-                   "measure the bases with a tape and correct the scene, then repeat",
+    result.at_most(name, "distance of the base from the scene's", 1e3 * moved.head<3>().norm(), "mm",
+                   1e3 * kBaseMoved_m, "measure the bases with a tape and correct the scene, then repeat",
                    "another scene, or points of different order");
-    result.at_most(name, "base turned from the scene's", 180 / M_PI * moved.tail<3>().norm(), "degrees",
-                   180 / M_PI * kBaseTurned_rad,
+    result.at_most(name, "rotation of the base from the scene's", 180 / M_PI * moved.tail<3>().norm(),
+                   "degrees", 180 / M_PI * kBaseTurned_rad,
                    "guide both arms to the points in the same order, or correct the scene, then repeat",
                    "another scene, or points of different order");
     result.measured[name] = {{"residual_m", fit.residual_m},

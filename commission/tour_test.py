@@ -468,7 +468,7 @@ class Refusals(unittest.TestCase):
             self.assertEqual(tour.run(page=False, resume=True), 1, "".join(tour.text[-20:]))
             self.assertEqual(tour.end["step"], "bases")
             self.assertEqual(tour.steps["bases"]["verdict"], "no-go")
-            self.assertIn("turned from the scene", tour.steps["bases"]["found"])
+            self.assertIn("rotation of the base from the scene", tour.steps["bases"]["found"])
             self.assertFalse((tour.folder / "out" / "scene.yaml").exists())
 
     def test_ctrl_c_while_it_waits_holds_the_arm(self):

@@ -126,7 +126,7 @@ std::string ros_cure() {
   if (!build_environment().empty())
     return "in the source tree run './multipanda setup' (without --no-ros), which fetches the ROS 2 wheels, "
            "and build again";
-  // The wheel contains the middleware's profiles, the .deb nothing of ROS 2.
+  // The wheel contains the middleware's profiles; the .deb contains nothing of ROS 2.
   if (!fs::exists(share_folder() / "ros/rcl"))
     return "the .deb has no ROS 2 interfaces; install the wheel with its extra: pip install 'FILE.whl[ros]'";
   return "install what is missing: " + page_python().string() + " -m pip install 'multipanda[ros]'";

@@ -106,8 +106,8 @@ struct RunWatch {
     if (extent) extent->take(record);
     if (arms) arms->take(record);
   }
-  bool stopped(Session& session);  // stops it at the first trouble
-  // Throws ExperimentInterrupted with the trouble and the faults of the run, if there was trouble.
+  bool stopped(Session& session);  // stops it at the first fault
+  // Throws ExperimentInterrupted with the faults of the run, if it was stopped.
   void check(const std::string& run, const RunSummary& summary) const;
 };
 

@@ -129,7 +129,7 @@ class TaskRunner {
           std::ranges::count_if(runs_, [](const TaskRun& run) { return run.plant != kMeasured; }));
       say(fmt::format("simulating the {} runs first; the arms are not connected yet", simulated));
     } else {
-      say(fmt::format("simulating {} runs; --only and --repeats make fewer", simulated));
+      say(fmt::format("simulating {} runs; --only or --repeats for fewer", simulated));
     }
     run_simulated(simulated);
     if (failure_) std::rethrow_exception(failure_);

@@ -82,7 +82,7 @@ struct SavedWorld {
   std::string refusal;        // the refusals until then
 
   std::vector<std::uint8_t> pack() const;
-  // Throws std::invalid_argument if these bytes are none that pack() made.
+  // Throws std::invalid_argument if pack() did not make these bytes.
   static SavedWorld unpack(const std::uint8_t* bytes, std::size_t size);
 };
 

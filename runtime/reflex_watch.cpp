@@ -42,8 +42,8 @@ std::vector<std::string> ReflexReport::lines() const {
   std::vector<std::string> lines{headline()};
   for (const auto& sentence : why.sentences) lines.push_back(fmt::format("  {}", sentence));
   lines.push_back(
-      fmt::format("  of the last {} cycles {:.0f} % were answered; at most {} in a row were missed",
-                  why.cycles, 100 * why.answered, why.missed_in_row));
+      fmt::format("  {:.0f} % of the last {} cycles were answered; at most {} in a row were missed",
+                  100 * why.answered, why.cycles, why.missed_in_row));
   for (const auto& text : why.cures) lines.push_back(fmt::format("  next: {}", text));
   lines.push_back(file.empty() ? fmt::format("  the last cycles could not be written: {}", file_problem)
                                : fmt::format("  the last cycles: {}", file.string()));

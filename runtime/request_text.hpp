@@ -29,8 +29,8 @@ std::future<RequestAnswer> request_arm(const MultimodeController& modes, Backend
                                        GripperRequest request, std::uint8_t mode);
 // Whether an arm is stopped and ends its gripper's motion.
 bool gripper_stops(const MultimodeController& modes, ArmIndex arm, std::uint8_t mode);
-// What ends the motion that a request begins; none: nothing does, since what is held and shall be held more
-// firmly would fall.
+// The request that ends the motion that `request` begins. None for a firmer grasp of a held object, which
+// would fall.
 std::optional<GripperRequest> ending_of(const GripperRequest& request, bool grasped);
 
 // Messages for unknown names, with the nearest valid one.

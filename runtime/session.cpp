@@ -16,7 +16,7 @@ namespace multipanda {
 namespace {
 
 constexpr std::size_t kLoopRing = 1024;  // cycles between loop and relay: bridges a stall of a second
-// Between relay and recorder are this many cycles, and as long as the disk stalls, up to so many bytes more.
+// Cycles between relay and recorder, and bytes of further ones while the disk stalls.
 constexpr std::size_t kLogRing = 256, kWaitingBytes = 64u << 20;
 constexpr std::chrono::seconds kPatience{1};  // additional time after the hold, in case the world is paused
 constexpr std::size_t kMargin = 64;           // cycles kept free in a ring by an unpaced loop

@@ -116,7 +116,7 @@ std::vector<std::string> softened_laws(const Scene& scene, const Registry& regis
     const Instance& instance = trial.modes().instance(i);
     std::vector<std::string> arms, gains;
     for (const ArmIndex arm : instance.arm_list()) arms.push_back(scene.arms[arm].name);
-    // Those that alone are too much, the others lowered.
+    // Gains that are too large by themselves, with the others lowered.
     std::map<std::size_t, std::vector<double>> asked;
     for (std::size_t p = 0; p < instance.parameter_count(); ++p)
       if (is_stiffness(instance.parameter_spec(p))) asked[p] = instance.parameter(p);

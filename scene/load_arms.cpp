@@ -424,7 +424,7 @@ void visit(Archive& archive, SceneArm& arm, SceneReader& reader) {
       arm.observer_hz);
   if (arm.observer_hz > 0 && arm.observer_hz < 5)
     archive.at("observer_hz")
-        .refuse("the observer's cut-off must be 0 or 5 to 100 Hz: force laws bear no more lag");
+        .refuse("the observer's cut-off must be 0 or 5 to 100 Hz: force laws tolerate no more lag");
   archive.section(Key("force_sensor", "A force and torque sensor that measures the arm's wrench."),
                   arm.force_sensor);
   if (archive.reading() && arm.force_sensor && arm.observer_hz > 0)

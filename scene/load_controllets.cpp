@@ -444,7 +444,7 @@ void visit(Archive& archive, InstanceConfig& config, SceneReader& reader) {
   places[config.name] = archive.self().place();
 }
 
-// A follower that touches its leader may push it on without end.
+// A follower that touches its leader may keep pushing it.
 void note_near_leaders(Scene& scene) {
   constexpr double kBothReach = 2;  // two Franka arms with hands and tools [m]
   for (const auto& config : scene.controllets) {
@@ -456,7 +456,7 @@ void note_near_leaders(Scene& scene) {
         if (between.norm() > kBothReach) continue;
         scene.near_leaders.push_back("'" + config.name + "': arm '" + scene.arms[own].name +
                                      "' may reach its leader '" + scene.arms[leader].name +
-                                     "' and push it on; keep their workspaces apart, or add the feature "
+                                     "' and keep pushing it; keep their workspaces apart, or add the feature "
                                      "collision_avoidance");
       }
     }

@@ -90,7 +90,7 @@ void visit(Archive& archive, SceneForceSensor& sensor) {
       "Net F/T at a real arm. S is its frame.");
   visit_pose(archive, sensor.mount.X_FS, Key("position_m", "S in the flange."));
   archive.section(
-      Key("carries", "All that the sensor bears besides the declared payload. Default: hand and tool."),
+      Key("carries", "All that the sensor carries besides the declared payload. Default: hand and tool."),
       sensor.carried);
   archive(Key("range_n", "Beyond it, in an axis, the sensor is saturated.").within(1, 10000),
           sensor.mount.range_n);

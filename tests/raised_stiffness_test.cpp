@@ -1,5 +1,5 @@
 // A stiffness that rises while its spring is stretched throws nobody: what the arm does while stiffnesses
-// jump between nothing and their greatest, with loads that nobody declared, on both plants.
+// jump between nothing and their greatest, with undeclared loads, on both plants.
 #include <gtest/gtest.h>
 
 #include "backends/mujoco/mujoco_backend.hpp"
@@ -368,7 +368,7 @@ TEST(RaisedStiffness, AStoppedHoldKeepsItsLoad) {
   EXPECT_NEAR(bench.X(0).position.z(), rest, 1e-4);
 }
 
-// A load that nobody declared does not sink without end while the stiffness of its hold goes up and down.
+// An undeclared load does not sink without end while the stiffness of its hold goes up and down.
 TEST(RaisedStiffness, UpAndDownAHoldDoesNotSinkWithoutEnd) {
   Bench bench({.type = "hold", .plant = plant_of(1), .load = 1, .load_across = 0.08});
   const double z = bench.X(0).position.z();

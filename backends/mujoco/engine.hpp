@@ -8,8 +8,8 @@
 #include <mujoco/mujoco.h>
 
 // MuJoCo's functions by their own names, in a library of their own (engine_module.cpp) that is loaded with
-// the first simulation. A run without one has no engine in its process. Another function that is called
-// goes into this list.
+// the first simulation. A run without one has no engine in its process. Add every
+// further function that is called to this list.
 namespace multipanda {
 
 // clang-format off

@@ -109,8 +109,8 @@ MotionStep DesiredMotion::step(const InterfaceCommand* command) {
   return result;
 }
 
-// A first position or pose that is near the commanded one, as what is measured is, begins a motion or
-// continues the rest. The second one tells: if it breaks a rule in one reading, the other counts.
+// A first position or pose near the commanded one, such as the measured one, either begins a motion or
+// continues the rest. The second one decides: the reading in which it breaks no rule counts.
 MotionStep DesiredMotion::step_from_start(const InterfaceCommand* command) {
   const auto follow = [&] {
     return is_cartesian(generator_) ? step_cartesian(command) : step_joints(command);

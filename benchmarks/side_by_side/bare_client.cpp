@@ -40,7 +40,7 @@ int main(int count, char** words) {
     std::fputs("bare_client: the arm refuses to connect or to move\n", stderr);
     return 1;
   }
-  const sched_param highest{.sched_priority = 99};  // as its peers ask for, if it may
+  const sched_param highest{.sched_priority = 99};  // as its peers request, where permitted
   (void)::sched_setscheduler(0, SCHED_FIFO, &highest);
   RobotCommand command;
   std::array<std::byte, kMaxCommandSize> answer{};

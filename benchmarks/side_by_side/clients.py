@@ -244,7 +244,7 @@ def clients(build, folder, scene):
         try:
             install()
         except (OSError, subprocess.CalledProcessError) as error:
-            print(f"left out, because it does not install: {install.__name__}: {error}", file=sys.stderr)
+            print(f"skipped, it cannot be installed: {install.__name__}: {error}", file=sys.stderr)
     return named
 
 

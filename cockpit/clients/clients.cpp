@@ -217,7 +217,7 @@ void Clients::take_request(Page& page, const json& message, const json& id, Host
                          "repeat it once the page shows new states");
   if (!source_->is_open(word) && source_->moves(message) && !hold_.held(host_now()))
     throw RequestRefused("not_held",
-                         "arms move only while a button is held: send beats, and 'seen' for every state, at "
+                         "arms move only while a button is held: send 'beat', and 'seen' for every state, at "
                          "least every 200 ms");
   if (page.requests.size() >= kMostPending && word != "stop")
     throw RequestRefused("queue_full", "64 requests are not answered yet");
@@ -368,7 +368,7 @@ nanoseconds Clients::turn(HostTime now) {
   (void)gaps_.look();
   if (!source_) return kIdle;
   if (hold_.silent(now)) {
-    end_hold("no beat arrived for 200 ms, or the page saw no new state", control_.holder());
+    end_hold("no 'beat' arrived for 200 ms, or the page saw no new state", control_.holder());
     send_control();
   }
   const auto before = control_.holder();

@@ -59,7 +59,7 @@ class AxisForce {
   bool selected() const { return selected_; }
   // Whether the impedance has completely left the axis.
   bool full() const { return weight() >= 1; }
-  // Whether its force is zero and has been since.
+  // Whether the axis is not selected and its force has faded out.
   bool idle() const { return weight() <= 0; }
 
   // f, after select() of the same tick.

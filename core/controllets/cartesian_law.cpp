@@ -229,7 +229,7 @@ JointVector null_space_torque(const NullSpaceGains& gains, OwnedArm& arm, const 
   const auto damping_at = [&](const JointVector& dq) -> JointVector {
     return project(damped(gains.damping_of_joints ? dq : project(dq)));
   };
-  // Whatever moves, the damping acts along M^-1 n, n the one self-motion: its mode.
+  // For any motion the damping acts along the mode M^-1 n, with n the only self-motion.
   JointMatrix L_M;
   cholesky_factor(M, L_M);
   JointVector damping = damping_at(arm.dq());
@@ -327,7 +327,7 @@ CartesianParameters cartesian_parameters() {
 
 Preset paper_preset(std::vector<Preset::Value> more) {
   Preset preset{.name = "paper",
-                .doc = "The law as the paper prints it, without additions of this project's.",
+                .doc = "The law as the paper prints it, without this project's additions.",
                 .values = {{"translational_stiffness_n_per_m", {100, 100, 50}},
                            {"rotational_stiffness_nm_per_rad", {10}},
                            {"projector", {static_cast<double>(Projector::paper_pseudoinverse)}},

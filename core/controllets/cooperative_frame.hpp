@@ -69,8 +69,8 @@ double soften(const CooperativeFrame& frame, OwnedArm& first, OwnedArm& second, 
 void brake(const Matrix3& R_d, const ImpedanceGains& absolute, const ImpedanceGains& relative,
            const Matrix12& Lambda, Matrix12& D);
 
-// A tick of the return of raised springs, of A and between the hands (raised_spring.hpp): what A sees. Each
-// hand moves with A, and by half of what is between them: that has what A leaves of the hand's speed.
+// One tick in which the raised springs of A and between the hands return (raised_spring.hpp); the set-point
+// that A sees. A hand moves with A and by half of the distance between them, which gets its remaining speed.
 CartesianTarget come_back(RaisedSpring& absolute, RaisedSpring& relative, const CartesianTarget& rule,
                           const ControlContext& context);
 

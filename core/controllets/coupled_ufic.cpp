@@ -295,9 +295,9 @@ class CoupledUfic final : public Controllet {
 
   // Moves the springs to new set-points, stiffness and valve. The tank supplies the energy that they gain and
   // receives the energy that they lose. The valve depends on the energy left after that, so both are solved
-  // together: s = valve(T + s_before V_before - s V). Updated in turn, they would oscillate.
-  // The bounds for contact close the valve, too, so that the tanks' balance stays complete; not because
-  // of what the damping takes of a pull anyway, or a push towards the set-point would drop a carried object.
+  // together: s = valve(T + s_before V_before - s V); one after the other they would oscillate.
+  // The bounds for contact close the valve, too, so that the tanks' balance stays complete. The part of a
+  // pull that the damping takes does not count: a push towards the set-point must not drop a carried object.
   double move_springs(Springs next, const CooperativeFrame& frame, const Vector12& damping,
                       const Settings& settings, const ControlContext& context, double dt) {
     const double before = springs_.scale * springs_.energy;
@@ -383,8 +383,8 @@ class CoupledUfic final : public Controllet {
     const bool grasps = grasp_.phase() == GraspSequence::Phase::grasp;
     for (std::size_t i = 0; i < 2; ++i)
       felt_[i].update(context.arms[i], grasp_.phase() != GraspSequence::Phase::rest, context.dt);
-    // A grasp is lost below half of the threshold, so only what hands do whose object has gone raises it:
-    // they close. Moved or bumped together, or loaded by what they hold, they must not drop it.
+    // A grasp is lost below half of the threshold. Only closing raises it, which hands do once their object
+    // has gone: hands that move together, are bumped or carry a load must not drop what they hold.
     const bool waits = felt_[0].waits() || felt_[1].waits();
     if (grasps) {
       const auto v = [&](std::size_t i) { return Vector3(context.arms[i].terms->V_WE().linear()); };
@@ -431,7 +431,7 @@ class CoupledUfic final : public Controllet {
                  double dt) {
     const double estimated = 0.5 * (measured_.first_n + measured_.second_n);
     const double w = grasp_.force_share();
-    // What the share w takes away later does not let the integral grow now.
+    // The integral must not grow from a force that the share w removes afterwards.
     const double f = w * loop_.update(settings.force, grasp_.desired_n(), estimated, w, dt, most, deepest);
     return multipanda::force_share(settings.tanks.law, gamma_, alpha_f_, f < 0 ? v_n : -v_n,
                                    incoming_speed_for(f, gamma_, alpha_f_, damping)) *

@@ -140,7 +140,7 @@ class DualCartesianImpedance final : public Controllet {
 
   // A hand is moved by its reference, the blend, the shift and the offset at once. The reference gets the
   // remaining share of the hand's speed from the next cycle on; in this one the others have hardly begun to
-  // move. Their largest shares leave an eighth.
+  // move. Together they take at most seven eighths.
   static_assert(SetPointBlend::kShare + SetPointShift::kShare + OffsetReference::kShare < 1);
   void share_hand_speed(ControlContext& context) const {
     const double most = context.contact.hand_speed;

@@ -8,7 +8,7 @@
 
 namespace multipanda {
 
-// The wrench that an arm exerts, as a law may believe it, and how far motion may have made it wrong. All
+// The wrench that an arm exerts, as far as a law may rely on it, and the error that motion may add. All
 // figures are those of real arms (docs/forces.md).
 //
 // Tare. Sensors and model leave a bias b in the estimated joint torques: up to 0.75 N m per joint at rest, 1
@@ -38,9 +38,9 @@ class FeltWrench {
  public:
   enum class Tare : std::uint8_t { taking, taken, moved, too_large };
   static constexpr const char* kTareDoc =
-      "0 while the bias of the estimate is measured, 1 taken. Not yet, so that contact needs more force: 2 "
-      "the arm moved or another load was declared, 3 more than a bias, so the arm touches something or bears "
-      "an undeclared load.";
+      "Bias of the estimate: 0 being measured, 1 known; unknown, so that contact needs more force: 2 the arm "
+      "moved or another load was declared, 3 too large for a bias: the arm touches something or carries an "
+      "undeclared load.";
   static constexpr double kSettling = 0.1, kTaking = 0.2;                          // [s]
   static constexpr double kRest = 0.02;                                            // [rad/s]
   static constexpr double kMostTorque = 0.8, kMostForce = 3.0, kMostMoment = 1.0;  // [N m], [N], [N m]

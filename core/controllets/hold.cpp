@@ -43,7 +43,7 @@ class Hold final : public Controllet {
                                           .initial = {kUsualStiffness.begin(), kUsualStiffness.end()},
                                           .min = 20,
                                           .max = 1000,
-                                          .doc = "Joint stiffness K. A stopped arm takes no change."}),
+                                          .doc = "Joint stiffness K. Fixed while the arm is stopped."}),
                 parameter_at<kDampingRatio>({.name = "damping_ratio",
                                              .initial = {1.0},
                                              .min = 0.5,
@@ -145,8 +145,8 @@ class Hold final : public Controllet {
     }
   }
 
-  // A stopped arm does not move. If q_0 was ahead of a returning joint, it waits there; what a raised
-  // stiffness left of its way to others stays, since it carries what the arm does.
+  // A stopped arm does not move. If q_0 was ahead of a returning joint, it waits there. Elsewhere the
+  // distance that a raised stiffness left stays, since it supports the load of the arm.
   void stay(const JointVector& q, bool just_stopped) {
     if (!just_stopped) return;
     JointVector by = JointVector::Zero(q.size());
@@ -170,10 +170,10 @@ class Hold final : public Controllet {
     entered_ = true;
   }
 
-  // Where K rises, q_0 comes so near that the torque stays (raised_spring.hpp), and returns: a light arm that
-  // sagged under a load that nobody declared would be thrown up. Until it has returned, it comes no nearer
-  // than at first: stiffnesses that go up and down would let the load sink without end. Carriages slip. A
-  // stopped arm does not move.
+  // Where K rises, q_0 jumps towards the arm so that the torque does not change (raised_spring.hpp), and then
+  // returns: otherwise a light arm that sags under an undeclared load would be thrown up. Until it has
+  // returned it jumps no closer than the first time, or a stiffness that goes up and down would let the load
+  // sink without end. Carriages slip. A stopped arm does not move.
   void raise(const JointVector& K, const JointVector& q, double dt) {
     if (dt > 0) raised_.advance(kReturnSpeed, kReturnAcceleration, dt);
     const bool rises = K_before_.size() == K.size() && (K_before_.array() < K.array()).any();

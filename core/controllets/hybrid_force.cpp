@@ -29,7 +29,7 @@ struct WeightedAxes {
     return x;
   }
   bool any() const { return (weight.array() > 0).any(); }
-  // Each of n equal parts at right angles gets 1 / this of their common bound. `kind`: 0 forces, 1 moments.
+  // sqrt(n), by which the common bound of n perpendicular axes is divided. `kind`: 0 forces, 1 moments.
   double parts(std::size_t kind) const {
     return std::sqrt(std::max(1.0, weight.segment<3>(static_cast<Eigen::Index>(3 * kind)).sum()));
   }
@@ -312,7 +312,7 @@ class HybridForce final : public Controllet {
     const Pose X_kept = displaced(X, axes.in_world(kept));
     offset_ = {X_kept.rotation * input.pose().rotation.transpose(), X_kept.position - input.pose().position};
     displaced_ = true;
-    // The spring sees that ahead of the target: together they are what the force leaves.
+    // The spring acts from `ahead` of the target; the two together are what the force leaves.
     const Vector6 ahead = axes.in_world(raised);
     if (!raised_.none()) raised_.put(ahead);
     target.X_W_d = displaced(X, axes.rest(error + ahead) - ahead);

@@ -44,8 +44,8 @@ class JointImpedance final : public Controllet {
                                            .initial = {1.0},
                                            .min = 0.5,
                                            .max = 1,
-                                           .doc = "D acts on a dq + (1 - a) times dq of the cycle before, "
-                                                  "with this weight a; 1: dq itself."})),
+                                           .doc = "Weight a: D acts on a dq + (1 - a) times the previous dq; "
+                                                  "1: dq itself."})),
         .outputs = spec_table<kOutputCount>(
             output_at<kLargestError>("largest_error_rad", "Largest |q_d - q| of all joints."),
             output_at<kLargestTorque>("largest_torque_nm", "Largest |tau| of all joints."),

@@ -13,9 +13,9 @@ namespace {
 // The pull of all joints acts at the hand like the wrench J_bar^T tau, J_bar = M^-1 J^T Lambda (Khatib
 // 1987), more near a singular pose (TaskSpace::press): the force that keeps the hand where it is. The whole
 // pull is scaled until that keeps to its bounds. A motion of the null space does not show at the hand, so the
-// force at the elbow may be bounded likewise. So is that at the hand of an arm that stands on this one, as if
-// its joints were locked: in a hold they nearly are. A carriage is bounded by the pull of its own
-// joint alone.
+// force at the elbow may be bounded likewise, and that at the hand of an arm that stands on this one, with
+// the joints of that arm taken as locked, as they nearly are in a hold. A carriage is bounded by the pull of
+// its own joint alone.
 void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, const JointVector& spring,
            const JointVector& damping, JointVector& tau, JointPull& drawn) {
   const TaskSpace& task = arm.terms->task();

@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kUsualSpeed = ContactBounds{}.hand_speed;
 
-// The error in the new axes whose spring force is as before, nowhere larger.
+// The error, in the new axes, with the same spring force as before; no component larger than before.
 Vector6 kept_error(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d,
                    const Vector6& error) {
   const Matrix3 axes = now.axes_at(R_d);

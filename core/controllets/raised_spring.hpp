@@ -13,11 +13,11 @@
 // Without a rise nothing changes, bit for bit. Loop thread, no allocation.
 namespace multipanda {
 
-// What the seen set-point is ahead of the rule's, in n coordinates.
+// Offset from the rule's set-point to the one that the spring sees, in n coordinates.
 class ReturningOffset {
  public:
-  // Of what a hand may reach beside people: its own greatest speed, and that together with the rule's. A hand
-  // that damping leads after both passes their sum a little.
+  // Shares of the speed that a hand may reach beside people: of the return, and of return and rule together.
+  // A hand that damping pulls after both exceeds their sum slightly.
   static constexpr double kShare = 0.4, kTogether = 0.9;
   static constexpr double kTurning = 0.5;  // [rad/s]
   // As goals accelerate [m/s^2], [rad/s^2].
@@ -26,7 +26,7 @@ class ReturningOffset {
   void start(Eigen::Index coordinates, Resistance::Waits waits = Resistance::Waits::along);
   bool none() const { return none_; }
   void shift(const JointVector& by);
-  // A tick of the return with at most this speed and acceleration.
+  // One tick of the return, with at most this speed and acceleration.
   void advance(double speed, double acceleration, double dt);
   // The pull of this tick, and its share of what is allowed: from the next tick on it waits.
   void resist(const JointVector& pull, double share, double dt);
@@ -48,7 +48,7 @@ class RaisedSpring {
   RaisedSpring();
   bool none() const { return position_.none() && rotation_.none(); }
 
-  // A hand: what its spring sees in this tick. `asked`: before soften(); its contact bounds the speed.
+  // The set-point that the spring of a hand sees in this tick. `asked`: gains before soften(), and bounds.
   CartesianTarget follow(const ImpedanceGains& asked, const CartesianTarget& rule, ModelTerms& terms,
                          double dt);
   void resist(const Vector6& pull, double force_share, double moment_share, double dt);
@@ -56,11 +56,11 @@ class RaisedSpring {
   // Its parts, for springs of other coordinates.
   // The gains of the last tick, if these have other stiffnesses.
   std::optional<ImpedanceGains> changed(const ImpedanceGains& asked);
-  // A tick of the return, of a frame that the rule moves with this twist, for a hand this far from it.
+  // One tick of the return of a frame that the rule moves with this twist; `lever`: from it to the hand.
   void come_back(const Vector6& V_rule, double hand_speed, double lever, double dt);
   CartesianTarget seen(const CartesianTarget& rule) const;
-  // The seen set-point after a change of gains, both softened, for the error of the one before. R_d: of the
-  // rule, along which the axes of both stiffnesses lie.
+  // The seen set-point after a change between softened gains. R_d: of the rule, along whose axes both
+  // stiffnesses lie.
   void raise(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d, const Pose& X,
              CartesianTarget& seen);
   // The same for coordinates that are a vector; returns the new error.
@@ -68,7 +68,7 @@ class RaisedSpring {
                 const Vector6& error);
   Vector6 offset() const;
   Vector6 velocity() const;
-  // Another offset, where the rule's set-point was put onto the arm.
+  // Sets another offset where the rule's set-point was moved to the arm.
   void put(const Vector6& offset);
 
  private:

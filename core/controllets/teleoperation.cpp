@@ -316,7 +316,7 @@ class Teleoperation final : public Controllet {
   // The drive of the leader ends at kDriveEnds along its motion, below the speed of a hand: without a person
   // the coupling moves it no faster, and no harder where a scene lifts the bounds.
   static Vector6 bound_drive(const Vector6& drive, const Vector6& V, const ContactBounds& bounds) {
-    constexpr double kDriveEnds = 0.2;  // [m/s]: 60 N over it are the most that bound_pull falls with speed
+    constexpr double kDriveEnds = 0.2;  // [m/s]: 60 N over this is the steepest fall of bound_pull
     const double size = drive.head<3>().norm();
     if (!(size > 0)) return drive;
     const double speed = std::max(0.0, drive.head<3>().dot(V.head<3>()) / size);
@@ -334,7 +334,7 @@ class Teleoperation final : public Controllet {
     const double speed = v.norm();
     const bool driven = coupled && speed > kMoves && drive.head<3>().dot(v) > kDrives * speed;
     const FeltWrench& felt = felt_wrench_[0];
-    // Nor is one that feels nothing, because its sensor has failed.
+    // A leader whose sensor has failed feels nothing and counts as not held.
     const bool free = !arm.state->has_wrench_estimate ||
                       felt.at_E().head<3>().norm() < kResists + felt.motion(1) + felt.doubt(1);
     driven_s_ = driven && free ? driven_s_ + dt : 0;
@@ -342,7 +342,7 @@ class Teleoperation final : public Controllet {
   }
 
   // A spring and damper between both hands, in the leader's axes:
-  //   K x~ + D (V_f - V_l),   x~ from where the leader leads to the follower's hand
+  //   K x~ + D (V_f - V_l),   x~ from the leader's goal to the follower's hand
   // K is that of the follower, times the scales, so that both get the same force at rest; no stiffer than the
   // largest K, whatever the scales are. While the clutch is open, all parts stay as they were when it was
   // opened, so that they fade out together.

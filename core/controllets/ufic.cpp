@@ -148,7 +148,7 @@ class Ufic final : public Controllet {
     ForceSettings settings = force_settings(parameters, kForceGroup);
     settings.contact_threshold += felt_.motion(settings.motion_share);
     settings.contact_doubt = felt_.doubt(settings.motion_share);
-    if (felt_.waits()) F_d6 *= 0;  // not a number remains one
+    if (felt_.waits()) F_d6 *= 0;  // keeps NaN
     const Vector6& F_hat6 = felt_.at_E();
     const Vector3 F_d = F_d6.head<3>(), F_hat = F_hat6.head<3>(), v = V.head<3>();
     if (!F_d6.allFinite() || !F_hat6.allFinite())

@@ -110,7 +110,7 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
                                     "fci, or remove 'force_sensor'");
       sensed_.back().emplace(*mount);
     }
-    // What an arm estimates beside a moving base is no judge of its sensor.
+    // The estimate of an arm with a moving base, or that carries one, cannot check its sensor.
     const bool rides = sensed_.back() && std::ranges::any_of(config.arms, [&](const CycleConfig::Arm& other) {
                          return other.mount && (&other == &config.arms[arm] || other.mount->carrier == arm);
                        });

@@ -170,10 +170,10 @@ struct GripperGrasp {
     fields.optional("tolerance_outer_m", tolerance_outer, RequestBound::not_negative);
   }
 };
-// Answered at once. The newest width counts, approached with `speed`; what is in between is pressed with
-// `force` and stays held until a width above its own comes. Widths are skipped while another motion runs.
-// Without the next one for `silence`, or without a width, the fingers stay where they are, and what they
-// hold stays held.
+// Answered at once. The newest width counts, approached with `speed`. An object between the fingers is
+// pressed with `force` and held until a width above its own arrives. Widths are skipped while another motion
+// runs. Without the next one for `silence`, or without a width, the fingers stay where they are and keep
+// what they hold.
 struct GripperFollow {
   static constexpr double kMostSilence = 1;  // [s]
   std::optional<double> width;               // [m]

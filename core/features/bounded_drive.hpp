@@ -5,13 +5,13 @@
 namespace multipanda {
 
 // Bounds the torque of a feature's potential, so that no feature throws an arm near an obstacle or a limit
-// when it is switched on, changed, or released. `tau` (n x 1) is scaled: - It pulls a hand that something
-// holds with spring_force and spring_moment at most, less the pulls of earlier features, in arm.tau, along
-// it, and less where the arm is so light that it would reach the speeds below within 5 ms. A carriage is
-// driven with spring_force likewise.
-//   - To that comes as much again as controllet and other features press against it, up to the bounds: else a
-//     law could press an arm into an obstacle.
-//   - It grows by the bounds within 0.1 s at most: a step would meet the limit of torque rates, and still act
+// when it is switched on, changed, or released. `tau` (n x 1) is scaled:
+//   - It pulls a held hand with at most spring_force and spring_moment, less the pulls along it of earlier
+//     features, in arm.tau, and less where the arm is so light that it would reach the speeds below within
+//     5 ms. A carriage is pulled with at most spring_force likewise.
+//   - Up to the same amount is added against what controllet and other features press: otherwise a law could
+//     press an arm into an obstacle.
+//   - It takes at least 0.1 s to reach the bounds: a step would meet the limit of torque rates, and still act
 //     when it should have ended.
 //   - By itself tau moves the arm along M^-1 tau; the part of dq along that, in the metric of M, is
 //     beta M^-1 tau. tau falls with beta > 0, to nothing where beta M^-1 tau has the hand at 0.9 hand_speed

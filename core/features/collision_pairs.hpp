@@ -13,8 +13,8 @@ namespace multipanda {
 
 // The pairs of shapes that concern some arms of a scene (`own`), and their distances:
 //   - an own arm with itself: the pairs of its model (ArmModel::self_pairs),
-//   - an own arm with any other arm, of any owner: all pairs in which either shape can move; but a base
-//     that both have, equal shapes at the same place, is to each of them only its own base,
+//   - an own arm with any other arm, of any owner: all pairs in which either shape can move; a base
+//     that both have (equal shapes at the same place) counts only as each arm's own,
 //   - an own arm's moving shapes with the obstacles.
 // Shapes are placed in the world once per cycle. Built before the loop; nothing allocates afterwards.
 class CollisionPairs {

@@ -38,8 +38,8 @@ class ModelTerms {
   // this object. While its state is not finite, it counts as the last known body, fixed to that link.
   void carry(ModelTerms& carried, std::size_t joint);
   const Pose& X_WB() const { return X_WB_; }  // of the base now
-  // Torques of the joints up to `joint` that press with the wrench F at the point p_W of what stands behind
-  // it, J^T F (n x 1), zero for the other joints; world axes.
+  // Torques of the joints up to `joint` that exert the wrench F at the point p_W of a body behind it, J^T F
+  // (n x 1), zero for the other joints; world axes.
   JointVector torque_of(std::size_t joint, const Vector3& p_W, const Vector6& F);
 
   const ArmModel& model() const { return *model_; }

@@ -10,7 +10,7 @@ namespace multipanda {
 struct GoalEnd {
   enum Cause : std::uint8_t { force, moment, distance, count_ };
   static constexpr double kNever = 1e300;
-  // Change of the estimated force [N] and moment about K [N m], way of the hand from where it was [m].
+  // Change of the estimated force [N] and moment about K [N m], distance of the hand from where it was [m].
   std::array<double, count_> limits{kNever, kNever, kNever};
 
   bool set() const { return feels() || limits[distance] < kNever; }

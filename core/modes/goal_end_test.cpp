@@ -62,7 +62,7 @@ GoalEnd until(double force, double moment = GoalEnd::kNever, double distance = G
 
 TEST(GoalEnds, ByAForceBeyondThatAtTheStart) {
   Watched arm("cartesian_impedance");
-  arm.felt.force() = Vector3(0, -30, 5);  // a load that nobody declared
+  arm.felt.force() = Vector3(0, -30, 5);  // an undeclared load
   ASSERT_TRUE(arm.lead_by({0.2, 0, 0}, until(10)).accepted());
   const Pose start = arm.input().pose();
   arm.felt.force() += Vector3(0, 6, 7.9);  // 9.92 N

@@ -285,7 +285,7 @@ bool Instance::has_ended(const WatchedGoal& watched, EndedGoal& ended) const {
 }
 
 bool Instance::end_goal(EndedGoal& ended) {
-  constexpr double kBraking = 0.05;  // way of the set-point to rest, as a share of its velocity [s]
+  constexpr double kBraking = 0.05;  // braking distance of the set-point over its velocity [s]
   for (std::size_t k = 0; k < inputs_.size(); ++k) {
     WatchedGoal& watched = goals_[k];
     if (!watched.until.set()) continue;

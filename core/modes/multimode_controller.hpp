@@ -68,8 +68,9 @@ class MultimodeController {
   // Description of invalid numbers of a set-point; empty: the verdict is sufficient.
   std::string refusal(const Request& request) const;
   // Checks the requests, then queues all of them for one cycle. accepted: queued; `ticket` is the last one.
-  // The loop refuses with Verdict::timeout what it finds after `patience_s`, and with Verdict::arm_stopped
-  // what was `asked` before one of its arms was stopped, or resumes a stop that it does not count.
+  // The loop refuses with Verdict::timeout a request that it takes after `patience_s`, and with
+  // Verdict::arm_stopped one that was `asked` before one of its arms was stopped, and a resume that does not
+  // count the latest stop.
   static constexpr double kPatience = 1.0;  // [s]
   // Requests taken by the loop are answered within the same cycle; only a stalled loop needs longer.
   static constexpr double kAnswerPatience = 10;  // [s]

@@ -66,7 +66,7 @@ void MultimodeController::take_mail(const Tick& tick) {
 }
 
 // The sender did not know that the arm would be stopped: the request must resume, start or change nothing,
-// also if somebody has resumed the arm meanwhile.
+// also if the arm was resumed meanwhile.
 bool MultimodeController::overtaken_by_stop(const Mailbox::Posted& posted) const {
   const Request& request = posted.request;
   ArmSet arms = request.kind == Request::Kind::resume               ? request.arms

@@ -55,7 +55,7 @@ std::size_t usual_stack() {
   return size;
 }
 
-// For what exists now and for what is allocated later, in which the stacks of later threads are contained.
+// Locks present and later memory, which includes the stacks of later threads.
 SetupStep lock_memory() {
   if (mlockall(MCL_CURRENT | MCL_ONFAULT) == 0 && mlockall(MCL_FUTURE) == 0 &&
       (lock_mappings(usual_stack()) || mlockall(MCL_CURRENT | MCL_FUTURE) == 0)) {

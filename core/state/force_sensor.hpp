@@ -36,8 +36,8 @@ struct SensorFault {
 // it is no more than kMostForce and kMostMoment, and the arm itself feels no more than kMostFelt; more is a
 // contact or a wrong `carried`.
 //
-// The arm's own estimate knows nothing of the sensor's mount, signs, units, address, or of a bias that
-// somebody takes while the run is on: if the joint torques differ by more than kMostDifference for kDoubt,
+// The arm's own estimate knows nothing of the sensor's mount, signs, units, address, or of a bias taken
+// during the run: if the joint torques differ by more than kMostDifference for kDoubt,
 // one of them is wrong, or something else than the tool is pushed. A sensor that shows nothing, or the other
 // way, thus ends a press at 20 to 40 N. Prismatic joints do not count: their own friction is of that size.
 //

@@ -51,10 +51,10 @@ def episode(far, see, policy, seconds, ages):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("policy", help="the file of train.py")
+    parser.add_argument("policy", help="file written by train.py")
     parser.add_argument("--run", help="name or ssh:// of the run (default: the only one)")
     parser.add_argument("--trials", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=1000, help="of the places of the simulated box")
+    parser.add_argument("--seed", type=int, default=1000, help="seed of the places of the simulated box")
     options = parser.parse_args()
     policy, random = Policy(np.load(options.policy)), np.random.default_rng(options.seed)
     successes, ages = 0, []

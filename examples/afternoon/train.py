@@ -86,7 +86,7 @@ def train(folder, steps, seed=1, say=print):
     losses = []
     for step in range(1, steps + 1):
         rows = random.integers(len(x), size=256)
-        # The arms will be beside the demonstrations, and set-points must not follow them there.
+        # The arms will deviate from the demonstrations, and set-points must not follow that deviation.
         noisy = x[rows] + random.normal(0, 0.15, (256, x.shape[1]))
         one, two, out = policy.layers(noisy)
         error = out - y[rows]
@@ -108,7 +108,7 @@ def train(folder, steps, seed=1, say=print):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("data", help="the data set")
-    parser.add_argument("policy", help="where it is written")
+    parser.add_argument("policy", help="file to write")
     parser.add_argument("--steps", type=int, default=6000)
     options = parser.parse_args()
     weights, _ = train(options.data, options.steps)

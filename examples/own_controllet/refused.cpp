@@ -1,5 +1,5 @@
 // For the test only: a library that was built with other headers, with other flags, or with the headers of a
-// version that did not tell their hash.
+// version that did not export their hash.
 #include <multipanda_headers_hash.hpp>
 
 #include "core/plugin/layout.hpp"

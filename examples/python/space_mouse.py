@@ -41,7 +41,7 @@ def replayed():
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--device", help="its hidraw device; by default the one that is plugged in")
-    parser.add_argument("--replay", action="store_true", help="reports of a pipe instead of a device's")
+    parser.add_argument("--replay", action="store_true", help="reports from a pipe instead of a device")
     parser.add_argument("--seconds", type=float, help="duration; with a device until Ctrl-C")
     options = parser.parse_args()
     limits = mp.JogLimits(speed_m_per_s=0.05, force_n=15)

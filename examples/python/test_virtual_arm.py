@@ -11,7 +11,7 @@ import pylibfranka as franka
 
 
 def test_a_libfranka_program(multipanda_virtual_arms):
-    """An unmodified program: only the address is another one."""
+    """An unmodified program: only the address differs."""
     # The scene's arm is a Panda; pylibfranka speaks version 10, that of a Franka Research 3.
     arms = multipanda_virtual_arms("one_arm", arm_names=("arm",), arguments=("--protocol", "arm=10"))
     robot = franka.Robot(arms.addresses["arm"], franka.RealtimeConfig.kIgnore)

@@ -6,7 +6,7 @@ import subprocess
 import pytest
 
 
-@pytest.mark.skipif("HOLD" not in os.environ, reason="HOLD names the built program")
+@pytest.mark.skipif("HOLD" not in os.environ, reason="HOLD is not set to the built program")
 def test_the_program_holds_the_arm(arm):
     run = subprocess.run(
         [os.environ["HOLD"], arm.address, "2"], capture_output=True, text=True, timeout=120, check=False

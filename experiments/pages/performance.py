@@ -8,7 +8,7 @@ from report import page, style
 from report.series import spread
 
 LABELS = {
-    "control_ratio": ("control function, times the law alone (medians)", ""),
+    "control_ratio": ("control function, as a multiple of the law alone (medians)", ""),
     "samples_missing": ("cycles missing", ""),
     "delay_error_us": ("delay by correlation, error", "µs"),
     "delay_by_sequence_error_us": ("delay by sequence number, error", "µs"),
@@ -331,7 +331,7 @@ def _cycle_table(conditions):
     cells = {
         "condition": lambda row: row["name"] if row["what"] == "control function" else "",
         "[µs]": lambda row: row["what"],
-        **metrics.time_cells({"times the law alone": ratio}),
+        **metrics.time_cells({"as a multiple of the law alone": ratio}),
     }
     return page.columns(
         [{"name": name, "what": what, **c} for name, c in conditions.items() for what in metrics.TIMES], cells

@@ -124,8 +124,8 @@ bool ArmDriver::configure() {
       notify(in_reflex(state));
       return false;
     }
-    notify("an earlier error had stopped it " + error_list(state) +
-           "and it is recovered now because of `recover_at_start`");
+    notify("an earlier error stopped it " + error_list(state) +
+           "and it is recovered because of `recover_at_start`");
     link_.recover();
   }
   send_settings();

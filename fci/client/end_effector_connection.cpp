@@ -154,7 +154,7 @@ std::future<RequestAnswer> EndEffectorConnection::request(const GripperRequest& 
     if (!following_ && !desired->width) return answer_now({.success = true, .reason = {}});
     if (desired->width && is_stale())
       return refuse_request(who_ +
-                            " follows no widths: its states (UDP) do not arrive; check the firewall and "
+                            " cannot follow widths: its states (UDP) do not arrive; check the firewall and "
                             "reconnect the arm");
     if (!following_) {
       sent_width_ = width_;

@@ -90,7 +90,7 @@ class EndEffectorConnection final : public EndEffector {
   HostTime follow_until_{};
   double sent_width_ = 0;  // of the last move to a followed width [m]
   bool blocked_ = false;   // that move ended before its width
-  std::string failed_;     // why the hand did not carry out a followed width; empty: it did, or it was told
+  std::string failed_;     // why a followed width failed; empty: it did not, or the reason was given
   bool connected_ = false;
   std::atomic<bool> ending_{false};
   std::thread thread_;

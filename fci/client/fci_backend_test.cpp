@@ -886,7 +886,7 @@ TEST_F(Backends, AnArmThatHasBegunIsHeldUntilTheOthersBeginOrTheStartIsGivenUp) 
   EXPECT_GE(fakes_[0]->commands_waiting(), 29u);
 }
 
-// At the end the arm is held until it has left its motion: the last torque alone would push it on.
+// At the end the arm is held until it has left its motion: the last torque alone would keep pushing it.
 TEST_F(Backends, FinishHoldsTheArmUntilItHasLeftItsMotion) {
   begin();
   std::vector<RobotCommand> answers;

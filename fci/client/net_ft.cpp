@@ -19,11 +19,11 @@ namespace {
 
 constexpr std::size_t kRecord = 36;
 constexpr std::uint16_t kStop = 0, kStream = 2;
-constexpr std::uint32_t kMonitor = 1u << 16;    // a threshold that the user has set: no fault
+constexpr std::uint32_t kMonitor = 1u << 16;    // a threshold set by the user: not a fault
 constexpr std::uint32_t kSaturated = 1u << 17;  // transducer saturated, or an error of its converter
-constexpr std::int32_t kLate = 1000;            // samples that one may come late
+constexpr std::int32_t kLate = 1000;            // largest lateness of a sample, in samples
 constexpr double kMostSamples = 8000;           // of any device, per second
-constexpr double kStall = 60;                   // of this computer, whose backlog counts as received now [s]
+constexpr double kStall = 60;                   // allowance for a stall of this computer [s]
 
 std::uint32_t big_endian(const unsigned char* p) {
   return std::uint32_t{p[0]} << 24 | std::uint32_t{p[1]} << 16 | std::uint32_t{p[2]} << 8 | p[3];

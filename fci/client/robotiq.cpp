@@ -182,12 +182,12 @@ void Robotiq::connect() {
     return fail(std::string("its port cannot be set: ") + std::strerror(errno));
   std::optional<Status> status;
   for (const HostTime end = after(kLost); !status && host_now() < end;) status = read();
-  if (!status && !known_) return fail("it does not answer");  // one that is known is there when it answers
+  if (!status && !known_) return fail("it does not answer");  // a known one is connected once it answers
   if (status) {
     const std::lock_guard lock(mutex_);
     known_ = true;
     last_ = *status;
-    // As it is: what it holds stays held, but what moves, ends.
+    // Taken over as it is: it keeps what it holds, and a running motion ends.
     const bool moves = status->goes && status->object == 0;
     written_ = command_ = {status->action, static_cast<unsigned char>(status->echo), 0, 0};
     if (moves) command_.action = kActivate;
@@ -419,7 +419,7 @@ std::future<RequestAnswer> Robotiq::request(const GripperRequest& request) {
   }
   const bool homes = std::holds_alternative<GripperHoming>(request);
   if (!homes && (!last_.active || max_width_ == 0))
-    return refuse_request(who_ + " has to be homed first; its fingers then close and open wholly");
+    return refuse_request(who_ + " has to be homed first; its fingers then close and open fully");
   if (follow != nullptr) {
     if (last_.fault >= kFirstFailure) return refuse_request(who_ + ": " + fault());
     until_ = after(follow->silence);

@@ -67,7 +67,7 @@ class UdpPort {
   sockaddr_in source_{};
   HostTime received_at_;
 
-  // One call reads what has arrived, and by returning fewer than it may, that nothing is left.
+  // One call reads what has arrived; fewer datagrams than this mean that none is left.
   static constexpr int kTogether = 4;
   std::array<std::array<std::byte, 4096>, kTogether> buffers_;
   std::array<sockaddr_in, kTogether> from_{};

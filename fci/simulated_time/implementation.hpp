@@ -81,7 +81,7 @@ struct SimulatedTime::Implementation {
     std::unique_ptr<ArmSide> side;
     std::unique_ptr<ClientSide> client;
     std::uint64_t periods = 0;
-    std::uint64_t ends_told = 0;  // ends of motions known to the program
+    std::uint64_t ends_known = 0;  // ends of motions that the program knows
     int answers_to_lose = 0, states_to_lose = 0, answers_to_delay = 0;
     std::int64_t delay_ns = 0;
     bool cable_pulled = false;

@@ -126,7 +126,7 @@ void SimulatedTime::Implementation::start_motion(ArmIndex i) {
   arms[i].client->enter(ArmPhase::starting);
   over_network(i, [this, i] {
     const bool started = arms[i].side->start_motion() == MotionStart::started;
-    arms[i].ends_told = arms[i].side->motions_ended();
+    arms[i].ends_known = arms[i].side->motions_ended();
     over_network(i, [this, i, started] {
       if (started) return wait_for_start(i, events.now_ns() + nanoseconds(options.request_timeout_s));
       arms[i].client->enter(ArmPhase::stopped);
@@ -173,11 +173,11 @@ void SimulatedTime::Implementation::change_setting(ArmIndex i) {
 // The second reply to a Move: the motion has ended.
 void SimulatedTime::Implementation::tell_end(ArmIndex i) {
   Arm& arm = arms[i];
-  if (arm.ends_told == arm.side->motions_ended()) return;
-  arm.ends_told = arm.side->motions_ended();
+  if (arm.ends_known == arm.side->motions_ended()) return;
+  arm.ends_known = arm.side->motions_ended();
   if (arm.cable_pulled) return;
-  events.after(draw_network.time(options.request), [this, i, told = arm.ends_told] {
-    if (arms[i].ends_told == told && arms[i].client->phase() == ArmPhase::running) {
+  events.after(draw_network.time(options.request), [this, i, told = arm.ends_known] {
+    if (arms[i].ends_known == told && arms[i].client->phase() == ArmPhase::running) {
       arms[i].client->enter(ArmPhase::stopped);
     }
   });

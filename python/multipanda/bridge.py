@@ -192,7 +192,7 @@ class Bridge:
             self.beat()
 
     def beat(self, **more: int) -> None:
-        """Tells the run that this client lives, and what ends with it."""
+        """Tells the run that this client is alive, and which controllets end with it."""
         self.next_beat_s = time.monotonic() + self.silence_s / _BEATS
         line = {"do": "lead", "controllets": sorted(self.commanded), "silence_s": self.silence_s, **more}
         try:
@@ -201,10 +201,10 @@ class Bridge:
             self.lose_lead()
 
     def lose_lead(self) -> None:
-        """The run has ended, which its other connections tell, or has heard nothing from here for too long."""
+        """The run has ended, as its other connections show, or has received nothing from here for too long."""
         self.lead.close()
         self.next_beat_s = float("inf")
-        self.ended = "the run has ended, or heard nothing from here for too long: its arms are held"
+        self.ended = "the run has ended, or received nothing from here for too long: its arms are held"
 
     def take(self, kind: bytes, number: int, contents: bytes) -> None:
         """Does what a frame says."""
@@ -357,7 +357,7 @@ class Bridge:
             own.close()
 
     def last_stops(self, frames: Frames) -> None:
-        """What says stop counts, however late; everything else is too old."""
+        """Stops count however late they are; everything else is too old."""
         with contextlib.suppress(OSError, ValueError):  # BlockingIOError: all is read
             while part := os.read(0, 1 << 16):
                 for kind, _, contents in frames.add(part):

@@ -249,7 +249,7 @@ class _SceneCameras:
 
 
 class _Feed:
-    """A thread that reads one source until the end, whatever it does."""
+    """A thread that reads one source until the end, whatever the source raises."""
 
     def __init__(self, source: Any, names: list[str], owner: Cameras, period_s: float) -> None:
         self.fault = ""
@@ -431,7 +431,7 @@ class Cameras(Mapping[str, Picture], Closing):
         return len(self._feeds)
 
     def close(self) -> None:
-        """Ends the threads and the log. A thread that its camera does not let go stays behind."""
+        """Ends the threads and the log. A thread that is blocked in its camera is left behind."""
         feeds = set(self._feeds.values())
         for feed in feeds:
             feed.close()

@@ -110,7 +110,9 @@ def stop_run(
         except (OSError, ValueError):
             pass  # it accepts no connection at the moment, or a full run has ended this connection for another one
         time.sleep(0.001)
-    raise Timeout(f"the run at {path} did not answer 'stop' within {timeout_s:g} s", "it stops when it continues")
+    raise Timeout(
+        f"the run at {path} did not answer 'stop' within {timeout_s:g} s", "a paused run stops as soon as it continues"
+    )
 
 
 def stop_all(arms: str | Sequence[str] = "all") -> dict[pathlib.Path, Json]:
@@ -120,7 +122,7 @@ def stop_all(arms: str | Sequence[str] = "all") -> dict[pathlib.Path, Json]:
 
     Raises:
         Disconnected: No scene runs, or one of the runs ended meanwhile.
-        Timeout: A run does not answer: it stops when it continues.
+        Timeout: A run does not answer: a paused run stops as soon as it continues.
     """
     names = [arms] if isinstance(arms, str) else list(arms)
     paths = all_running_sockets()

@@ -29,9 +29,9 @@ MISSED = 6  # checks of control that may fail in a row before control, and with 
 ENDINGS = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 REACH = "check power, cable and address, and that a browser shows the arm's Desk there"
 OTHER = "check the address; this system version may have another interface"
-STOPPED = "release the user stop, finish errors and due self-tests in Desk, then try again"
+STOPPED = "release the user stop, acknowledge errors and run due self-tests in Desk, then try again"
 HOLDER = "ask that user to release it in Desk or to end `arm ready`; --take requests it"
-ADVICE = {401: "check --user and the password by a login in a browser", 404: OTHER, 423: HOLDER}
+ADVICE = {401: "check --user and the password by logging in with a browser", 404: OTHER, 423: HOLDER}
 LOGIN = "POST /admin/api/login"
 # The request of a newer FR3's interface, then those of older systems: after HTTP 404 the next one is tried.
 ACTIONS = {

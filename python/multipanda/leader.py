@@ -90,7 +90,7 @@ def calibrate(
         if left := [place for place in range(len(ids)) if place not in places]:
             prompt("Let go of the trigger. Then press Enter.")
             free = chain.read()[left[0]]
-            _turned(chain, "Squeeze the trigger wholly and keep it squeezed", places, prompt, say)
+            _turned(chain, "Squeeze the trigger fully and keep it squeezed", places, prompt, say)
             squeezed = free + (chain.read()[left[0]] - free + 2048) % 4096 - 2048
             trigger = [ids[left[0]], free, squeezed]
     offsets = COUNT_RAD * np.array([first[place] for place in places]) - np.array(signs) * shown
@@ -101,7 +101,7 @@ def calibrate(
             raise Refused(
                 "out_of_bounds",
                 f"joint {worst + 1} was {abs(math.degrees(rest[worst])):.0f} degrees from a multiple of 90",
-                "hold the pose more exactly, or, if horns are mounted between, --exact",
+                "hold the pose more exactly; if horns are mounted at other angles, add --exact",
             )
         offsets = offsets - rest
     say(f"the pose was held to {np.degrees(np.max(np.abs(rest))):.0f} degrees of multiples of 90")
@@ -198,7 +198,7 @@ def drive(
 
 
 class _Waits:
-    """Until leaders are still, near their arms and fingers."""
+    """Waits until leaders are still, near their arms and fingers."""
 
     def __init__(self, robot: ArmsRobot, say: Callable[[str], object]) -> None:
         self._settings, self._say = robot.settings, say
@@ -206,7 +206,7 @@ class _Waits:
         self._since_s, self._seen_s, self._said_s, self._said = 0.0, -math.inf, -math.inf, ""
 
     def over(self, action: Mapping[str, float], state: RunState, now_s: float) -> bool:
-        q, away = [], [("", 0.0)]  # what is how often too far away
+        q, away = [], [("", 0.0)]  # what is too far away, over the allowed distance
         for arm in self._settings.arms:
             names = quantity_names(arm, "joints", self._settings.joints)
             at = np.array([action[name] for name in names])
@@ -273,7 +273,7 @@ def _drive(options: argparse.Namespace) -> None:
     with connect(options.run) as client:
         arms = options.arms or list(client.arms)
     if len(arms) != len(options.files):
-        raise Refused("wrong_size", f"{len(options.files)} leaders for {', '.join(arms)}", "--arms names those led")
+        raise Refused("wrong_size", f"{len(options.files)} leaders for {', '.join(arms)}", "name them with --arms")
     with contextlib.ExitStack() as stack:
         pedal = stack.enter_context(Pedal(options.pedal, keys)) if options.pedal else None
         lead(options.run, dict(zip(arms, options.files)), pedal)

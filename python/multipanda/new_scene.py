@@ -47,7 +47,7 @@ def box(name: str, size_m: list[float], position_m: list[float], color: list[flo
 
 
 def beside(n: int) -> float:
-    """Width of what bears so many arms side by side [m]."""
+    """Width of a support for so many arms side by side [m]."""
     return round(0.6 + SPACING_M * n, 2)
 
 

@@ -27,7 +27,7 @@ def program_path() -> str:
     if named:
         if os.access(named, os.X_OK) and os.path.isfile(named):
             return named
-        raise ProgramMissing(f"MULTIPANDA_PROGRAM names '{named}', which is no program", "correct or unset it")
+        raise ProgramMissing(f"MULTIPANDA_PROGRAM names '{named}', which is not a program", "correct or unset it")
     tree = _HERE.parent.parent
     candidates = [_HERE / "bin" / "multipanda"]
     if (tree / "CMakeLists.txt").exists():

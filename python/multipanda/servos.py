@@ -187,7 +187,7 @@ class ServoChain(Closing):
                         data, result, error = self._handler.readRx(self._port, number, 4)
                     self._check(result, 0 if error & _ALERT else error)
                     if error & _ALERT:
-                        alerts.append(number)  # the others have to be heard first: they share the wire
+                        alerts.append(number)  # the other answers must be read first: they share the wire
                     elif len(data) != 4:
                         raise _NoAnswer("answers garbage")
                     found.append(int.from_bytes(bytes(data), "little", signed=True))
@@ -258,7 +258,7 @@ class Calibration:
             fault = str(wrong)
         if fault:
             step = "python -m multipanda.leader calibrate PORT FILE makes one"
-            raise Refused("malformed", f"{os.fspath(path)} is no calibration of a leader: {fault}", step)
+            raise Refused("malformed", f"{os.fspath(path)} is not a calibration of a leader: {fault}", step)
         return found
 
     def _fault(self) -> str:

@@ -194,7 +194,7 @@ class SpaceMouse(Closing):
         device is unplugged, when it sends nothing for 150 ms while it is deflected (10 s at rest), and when the run
         refuses a set-point; then a new press is needed. A press activates the controllet if its arm is held, and does
         nothing if the arm is stopped or has another owner. So does a cap that is deflected at the beginning, until it
-        was at rest. The right button stops all arms; only `resume()` lets them move again. It is heard while this
+        was at rest. The right button stops all arms; only `resume()` lets them move again. It works while this
         function runs, and at its beginning if it was pressed since the last report was read. It is not a safety-rated
         stop.
 

@@ -435,7 +435,7 @@ def run(
     """
     if fast and (timeline or seconds is not None):
         raise ValueError(
-            "run: with fast=True it could be over before it can be commanded: use mp.play(), or fast alone"
+            "run: with fast=True it could end before it is commanded: use mp.play(), or leave out timeline and seconds"
         )
     words = _words(scene, address, backend, record, log_every, 1e6 if fast else seconds, fast, laws, settings)
     if not timeline:

@@ -89,7 +89,7 @@ class _Study:
 
     def _batch_size(self) -> int:
         if self.store.machine is None:
-            return 1  # the first run is executed alone, because its result fixes the machine
+            return 1  # the first run is executed alone, because its result sets the reference machine
         if self.batch:
             return self.batch
         if self.engine.share:
@@ -216,7 +216,7 @@ def study(
         batch: Runs per batch; as many as take 2 s by default.
         any_machine: Accepts results of different processors and libraries, which differ in the last bits.
         page: Whether to make the HTML page, which needs matplotlib.
-        progress: Is told about once a second how far it is, with the time left.
+        progress: Called about once a second with a line about the progress and the time left.
 
     Raises:
         Refused: The file is not accepted, a stored result was changed or belongs to something else, a worker has

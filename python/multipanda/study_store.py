@@ -86,7 +86,7 @@ class Store:
         self._lock.close()
 
     def take_machine(self, machine: Json, where: str) -> None:
-        """The first result fixes the machine; raises Refused for a result of another one."""
+        """The first result sets the reference machine; raises Refused for a result of another one."""
         if self.machine is None:
             self.machine = machine
             part = self._machine_file.with_suffix(".part")

@@ -15,7 +15,7 @@ Mask = NDArray[np.bool_]
 
 
 class Commands(ABC):
-    """What a World and a Batch are told. `mask` chooses worlds of a Batch, None all; its values have a row per world.
+    """Commands to a World or a Batch. `mask` chooses worlds of a Batch, None all; its values have a row per world.
 
     Unknown names and wrong sizes raise ValueError. What a world refuses raises Refused in a World only.
     """
@@ -26,7 +26,7 @@ class Commands(ABC):
 
     @abstractmethod
     def _send(self, request: dict[str, Any], rows: dict[str, Array], mask: Mask | None) -> None:
-        """Gives the worlds a request, whose numbers differ from world to world."""
+        """Sends the worlds a request, whose numbers differ from world to world."""
 
     def _tell(
         self, request: str, mask: Mask | None, numbers: Mapping[str, ArrayLike] | None = None, **fields: Any

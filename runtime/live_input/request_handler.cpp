@@ -392,7 +392,7 @@ std::string RequestHandler::halted(ArmIndex arm) const {
   return halts ? std::string(to_string(mode)) : std::string();
 }
 
-// What is refused here changes nothing, so that who is followed still counts when the client is gone.
+// A refusal changes nothing: the client that is followed stays the same, and its end still counts.
 void RequestHandler::take_gripper(ArmIndex arm, const GripperRequest& request, Pending& pending) {
   const std::lock_guard lock(run_.followed->mutex);
   Followed::Gripper& gripper = run_.followed->grippers[arm];
@@ -426,7 +426,7 @@ void RequestHandler::take_width(ArmIndex arm, const GripperFollow& follow, Follo
   if (stopped) return;  // refused next
   if (!why.empty())
     throw RequestRefused("arm_refused", "arm '" + run_.modes->arm_name(arm) + "' is " + why +
-                                            ", and its gripper follows no widths: release or recover it");
+                                            ", and its gripper cannot follow widths: release or recover it");
   if (paused)
     throw RequestRefused(
         "arm_refused",

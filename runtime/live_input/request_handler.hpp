@@ -73,7 +73,7 @@ struct StreamChannel {
 };
 
 // Ends these controllets, whether they are active or not yet, so that hold takes their arms; without a free
-// place for that, the arms stop. It does not become too late.
+// place for that, the arms stop. It never expires.
 void end_or_stop(MultimodeController& modes, InstanceSet instances);
 
 // Translates JSON requests (docs/live_input.md) to requests of the core and their answers back to JSON. It
@@ -91,9 +91,9 @@ class RequestHandler {
     double patience_s = 0;                 // for the backend's answer, if it takes longer than usual
     nlohmann::json done;                   // added to the backend's answer if it succeeds
     ArmSet stopping;                       // arms of a stop request
-    std::optional<GripperRequest> moving;  // a gripper's motion that a stop, or who asks and goes, ends
+    std::optional<GripperRequest> moving;  // a motion that a stop or the end of its client ends
     ArmIndex arm = 0;                      // of that gripper
-    const void* client = nullptr;          // who asks
+    const void* client = nullptr;          // the sender
     std::string wrong;                     // in that request; empty: nothing
     std::shared_ptr<std::atomic<std::int64_t>> begin_by =  // host time [ns]
         std::make_shared<std::atomic<std::int64_t>>(std::numeric_limits<std::int64_t>::max());
@@ -111,7 +111,7 @@ class RequestHandler {
   // Grippers that follow widths stay where they are: those of arms that were stopped, also by their button or
   // a reflex, or those of a gone `client`.
   void end_following(const void* client = nullptr);
-  // A switch that activates nothing but hold, which is safer than what was asked before.
+  // Whether it is a switch that activates holds alone, which is safer than earlier requests.
   bool only_holds(const Request& request) const;
   bool only_holds(const nlohmann::json& request) const;
   MultimodeController& modes() { return *run_.modes; }
@@ -120,7 +120,7 @@ class RequestHandler {
   std::optional<Request> read(const std::string& word, const JsonFields& fields) const;
   ArmSet arms_in(const JsonFields& fields) const;  // "arms": all where absent
   ArmIndex arm(const std::string& name) const;
-  // Controllets that end with their client. Throws RequestRefused, but not for names that there are not.
+  // Controllets that end with their client. Ignores unknown names; throws RequestRefused for the rest.
   InstanceSet read_lead(const JsonFields& fields) const;
   // The answer, once it is available or too late. A gripper's motion ends with a stop of its arm.
   std::optional<nlohmann::json> poll(Pending& pending);

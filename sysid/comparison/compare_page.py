@@ -109,7 +109,7 @@ def make(folder):
     lags = [pair["measured_lag_s"] or 0.0 for arm in arms for pair in arm["pairs"]]
     judged = [g for arm in arms for g in arm["gate"]]
     broken = [g["text"] for g in judged if not g["held"]]
-    held = [f"All {len(judged)} limits are held."] if judged else []
+    held = [f"All {len(judged)} limits are met."] if judged else []
     limits = f"{len(judged) - len(broken)} of {len(judged)}"
     summary = (
         "Summary",

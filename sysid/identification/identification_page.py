@@ -83,7 +83,7 @@ def worth(data):
         f"{100 * max(apart):+.0f} % off the error on the rest (table “Cut in time”)."
         if apart
         else None,
-        f"The motion repeats after {repeated} s; repetitions are left out together, so that held-out blocks are unseen."
+        f"The motion repeats after {repeated} s; all repetitions of a block are left out together."
         if repeated
         else None,
         page.table(" | from [rad] | to [rad] | fastest [rad/s]", rows),

@@ -59,10 +59,10 @@ std::string misfit(const MeasuredLog& log, const RobotDescription& robot, const 
 Eigen::MatrixXd observed_torque(const MeasuredLog& log, const RobotDescription& robot,
                                 const PredictOptions& options);
 
-// A touch is a quick change: of any joint, what a low-pass of `stage_hz` leaves of the external torque
-// differs by more than `threshold` from its own low-pass of `tare_hz`, which follows errors of the model and
-// friction. On 90 Hz data of an arm that holds its pose, 7, 3 Hz and 0.5 N m are in the middle between the
-// smallest of 45 touches (1.0) and the largest signal without one (0.34). Moving arms show friction.
+// A touch is a quick change: any joint's external torque, low-passed at `stage_hz`, differs by more than
+// `threshold` from the same low-passed at `tare_hz`, which follows errors of the model and friction. On 90 Hz
+// data of an arm that holds its pose, 7, 3 Hz and 0.5 N m are in the middle between the smallest of 45
+// touches (1.0) and the largest signal without one (0.34). Moving arms show friction.
 struct TouchOptions {
   double stage_hz = 7, tare_hz = 3;  // first order; a stage of 0: none
   double threshold = 0.5;            // [N m]

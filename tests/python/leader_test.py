@@ -209,7 +209,7 @@ class Joints(Emulated):
             ({"baud": None}, "whole"),
             ({"extra": 1}, "extra"),
         ):
-            with self.assertRaisesRegex(mp.Refused, f"leader.json is no calibration of a leader: .*{pattern}"):
+            with self.assertRaisesRegex(mp.Refused, f"leader.json is not a calibration of a leader: .*{pattern}"):
                 Calibration.load(self.file(json.dumps(good | wrong)))
         for text in ("", "[]", "{", "{}"):
             with self.assertRaisesRegex(mp.Refused, "Next: python -m multipanda.leader calibrate"):

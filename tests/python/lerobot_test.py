@@ -120,7 +120,7 @@ class Features(unittest.TestCase):
             (RobotSettings, {"max_jump_rad": 4.0}, "at most 3.14"),
             (RobotSettings, {"max_jump_m": math.nan}, "max_jump_m"),
             (RobotSettings, {"scene": "a", "socket": "b"}, "found both"),
-            (RobotSettings, {"addresses": {"arm": "127.0.0.1"}}, "name the scene"),
+            (RobotSettings, {"addresses": {"arm": "127.0.0.1"}}, "need a scene"),
             (LeaderSettings, {"leaders": ["a"], "arms": ["b", "c"]}, "one for each of 1 leaders"),
             (LeaderSettings, {"leaders": ["a"], "arms": ["b"], "guides": {"b": ""}}, "not among the arms a"),
             (MouseSettings, {"arms": ["a", "b"]}, "one for each"),
@@ -671,7 +671,7 @@ class Packages(unittest.TestCase):
         self.assertEqual(servos.type, "multipanda_servo_leader")
         leader = package.MultipandaServoLeader(servos)
         self.assertEqual(list(leader.action_features)[-2:], ["a_joint7.pos", "a_gripper.pos"])
-        with self.assertRaisesRegex(mp.Refused, "a.json is no calibration of a leader"):
+        with self.assertRaisesRegex(mp.Refused, "a.json is not a calibration of a leader"):
             leader.connect()
         with self.assertRaisesRegex(ValueError, "files: expected one for each of the arms a"):
             package.MultipandaServoLeaderConfig(arms=["a"])

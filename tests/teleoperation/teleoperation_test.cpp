@@ -119,7 +119,7 @@ TEST(TeleoperationTrial, WithoutEnergyTheFollowerFades) {
   }
 }
 
-// Nobody holds the leader, and the follower carries what nobody declared: both sink, as passivity allows, no
+// Nobody holds the leader, and the follower carries an undeclared load: both sink, as passivity allows, no
 // faster than the drive of a leader ends (0.2 m/s), until the clutch opens.
 TEST(TeleoperationTrial, AnUndeclaredWeightHardlySinksWithAFreeLeader) {
   for (const bool force : {false, true}) {

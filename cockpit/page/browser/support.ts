@@ -306,7 +306,7 @@ export async function activate(page: Page, name: string): Promise<void> {
   await askHeld(page, page.getByRole("button", { name: `Activate ${name}` }), () => leads(page, name));
 }
 
-/** More than the run asks for before it lets an arm have a new owner without a hold [ms]. */
+/** Longer than an arm must rest before it may change its owner without a hold [ms]. */
 const kStill = 500;
 
 const leads = (page: Page, name: string): Promise<boolean> =>

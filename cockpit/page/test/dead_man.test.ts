@@ -48,8 +48,8 @@ test("after a gap in the readings nobody knows whether the button is still held:
   gate.press(button, 0);
   gate.readAll(150);
   assert.equal(gate.readAll(351), false); // the page was frozen for 201 ms
-  assert.deepEqual(said, ["beat", "beat", "release: the page stood still"]);
-  assert.deepEqual(button.ended, ["the page stood still"]);
+  assert.deepEqual(said, ["beat", "beat", "release: the page stalled"]);
+  assert.deepEqual(button.ended, ["the page stalled"]);
   // A beat needs a new press.
   gate.readAll(360);
   assert.equal(said.length, 3);

@@ -51,13 +51,13 @@ def _runs(material: dict[str, Any], arms: list[str]) -> list[tuple[RecordedRun, 
         if missing:
             raise Nothing(
                 f"{about['name']} has no arm {', '.join(missing)}, it has {', '.join(about['arms'])}: a data set has "
-                "the same arms in every episode; choose them by --arms, or export the logs apart"
+                "the same arms in every episode; choose them by --arms, or export the logs separately"
             )
         log = read_log(about["npz"])
         found.append((RecordedRun(log, about), log.episodes))
     joints = {tuple(run.joints(arm) for arm in arms) for run, _ in found}
     if len(joints) > 1:
-        raise Nothing("the arms of the logs have different numbers of joints: export the logs apart")
+        raise Nothing("the arms of the logs have different numbers of joints: export the logs separately")
     return found
 
 

@@ -21,7 +21,7 @@ class Fingers:
         """
         Args:
             gripper: The hand.
-            grasp_below_m: A width at or below it is wholly closed [m].
+            grasp_below_m: A width at or below it is fully closed [m].
             force_n: Force on what is between the fingers [N].
         """
         self._gripper, self._grasp_below_m, self._force_n = gripper, grasp_below_m, force_n

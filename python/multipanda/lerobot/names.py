@@ -84,7 +84,7 @@ def in_world(base: Array, pose: Array) -> Array:
 class SteadySigns:
     """Quaternions without jumps of their sign: q and -q are one orientation, but two inputs of a policy.
 
-    The first one of an arm has a positive largest part, each later one the sign that is nearer to the one before.
+    The largest part of an arm's first one is positive; each later one has the sign closer to the previous one.
     """
 
     def __init__(self) -> None:

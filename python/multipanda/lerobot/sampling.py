@@ -163,7 +163,7 @@ class RecordedRun:
                 rows.append(values)
         if not cycles:
             raise LeftOut(
-                f"has no set-point of {action} that is of '{arm}' alone: choose another --action or --arms, or name "
+                f"has no set-point of {action} for '{arm}' alone: choose another --action or --arms, or name "
                 "the arm that led it by --leader"
             )
         order = np.argsort(np.concatenate(cycles), kind="stable")

@@ -51,7 +51,7 @@ class RunSettings:
         if self.scene is not None and self.socket is not None:
             raise ValueError("expected scene (to start it) or socket (of one that runs), found both")
         if self.scene is None and (self.addresses or self.backend or self.record or self.arguments):
-            raise ValueError("addresses, backend, record and arguments are of a scene that is started: name the scene")
+            raise ValueError("addresses, backend, record and arguments need a scene to start: name it")
 
 
 @dataclass(kw_only=True)
@@ -68,7 +68,7 @@ class RobotSettings(RunSettings):
         max_jump_rad: Largest distance of a joint's target from the joint [rad].
         max_jump_m: Largest distance of a pose from the hand [m].
         max_turn_rad: Largest angle of a pose to the hand [rad].
-        grasp_below_m: A gripper's target at or below it closes the fingers wholly [m].
+        grasp_below_m: A gripper's target at or below it closes the fingers fully [m].
         grasp_force_n: Force on what is between the fingers [N].
     """
 

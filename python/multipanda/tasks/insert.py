@@ -17,7 +17,7 @@ DEPTH_M, SUCCESS_M = 0.04, 0.03
 
 
 class Insert(Task):
-    """A square peg of 20 mm goes into a hole of 22 mm. The policy is told where the hole is, up to 3 mm wrong.
+    """A square peg of 20 mm goes into a hole of 22 mm. The policy gets the hole's place with an error of up to 3 mm.
 
     Reward: 0.2 exp(-(distance from the hole's axis / 5 mm)^2) + 0.8 times the depth over 30 mm, at most 1. Success:
     30 mm deep.

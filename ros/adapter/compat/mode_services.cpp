@@ -287,7 +287,7 @@ void CompatModes::offer_parameters(const TheirControllet& theirs, InstanceIndex 
           if (std::any_of(ratios.begin(), ratios.end(), [&](double ratio) {
                 return !std::isfinite(ratio) || std::abs(ratio - ratios[0]) > 1e-6;
               }))
-            throw std::invalid_argument("damping_ratio: expected six equal numbers: there is one here");
+            throw std::invalid_argument("damping_ratio: expected six equal numbers: only one is used");
           set(service, name, instance,
               {{"translational_stiffness_n_per_m", {(*K_W)[0], (*K_W)[1], (*K_W)[2]}},
                {"rotational_stiffness_nm_per_rad", {(*K_W)[3], (*K_W)[4], (*K_W)[5]}},

@@ -28,11 +28,11 @@ auto flags(Bits ArmSample::*bits, int first) {
   };
 }
 
-// Their fields by our names; empty: they have none.
+// Fields of the other system by our names; empty: it has none.
 using Names = std::map<std::string, std::vector<std::string>>;
 
-// A rule for each quantity of an arm: it is their field of the same name, or as `theirs` says. Lists that the
-// arm does not report are NaN.
+// A rule for each quantity of an arm: the field of the same name, or the one that `theirs` names. Lists that
+// the arm does not report are NaN.
 StateRules rules_of_quantities(std::size_t joints, Names theirs) {
   theirs.insert({{"command_success_rate", {"control_command_success_rate"}}, {"last_motion_errors", {}}});
   StateRules rules;

@@ -49,7 +49,7 @@ class StateWriter {
   FieldMap<ArmReport> map_;
 };
 
-// Name of the flag in their messages Errors.
+// Name of the flag in the messages Errors of the other system.
 std::string error_field(ArmError error);
 
 // Column-major 4 x 4.

@@ -50,7 +50,7 @@ template <class M>
 struct ValueTopic {
   ValueTopic(const AdapterContext& run, const std::string& name, const Doc& doc)
       : publisher(*run.node, name, Qos::reliable(), doc) {}
-  // If somebody listens: fills the message, and sends it.
+  // Fills and sends the message if it has a subscriber.
   void show(auto fill_it) {
     if (publisher.subscribers() == 0) return;
     fill_it(message);

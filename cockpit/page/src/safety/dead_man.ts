@@ -76,7 +76,7 @@ export class DeadMan {
   readAll(now: number): boolean {
     if (!this.held) return false;
     if (now - this.lastRead > this.options.timeout_ms) {
-      this.letGoAll("the page stood still");
+      this.letGoAll("the page stalled");
       return false;
     }
     for (const [name, grip] of [...this.grips]) {
