@@ -2,12 +2,28 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string>
 
 #include <Eigen/Eigenvalues>
 
 #include "core/controllets/energy_tank.hpp"
 
 namespace multipanda {
+
+SpecsAt<ParameterSpec, 0, 7> axis_selection_parameters() {
+  SpecsAt<ParameterSpec, 0, 7> specs;
+  for (const std::string quantity : {"force", "moment"}) {
+    for (const char* axis : {"_x", "_y", "_z"})
+      specs.specs.push_back(switch_parameter(quantity + axis, false,
+                                             "Controls the " + quantity +
+                                                 (quantity == "force" ? " along" : " about") +
+                                                 " this axis of the force frame."));
+  }
+  specs.specs.push_back(
+      choice_parameter("force_frame", {"world", "end_effector"},
+                       "Axes that are selected: those of the world, or those of the end effector."));
+  return specs;
+}
 
 void AxisForce::start() {
   selection_.reset(false);

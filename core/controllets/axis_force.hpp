@@ -50,6 +50,9 @@ struct AxisState {
   double slow = std::numeric_limits<double>::infinity();    // [m/s, rad/s]
 };
 
+// Switches for the six axes, forces first, and the choice of the frame that they belong to.
+SpecsAt<ParameterSpec, 0, 7> axis_selection_parameters();
+
 class AxisForce {
  public:
   void start();

@@ -61,10 +61,6 @@ class HybridForce final : public Controllet {
  public:
   static ControlletDescriptor descriptor() {
     ForceParameters force = force_parameters();
-    const auto axis = [](const char* name, const char* what) {
-      return switch_parameter(name, false,
-                              std::string("Controls the ") + what + " this axis of the force frame.");
-    };
     return {
         .type = "hybrid_force",
         .doc =
@@ -82,15 +78,7 @@ class HybridForce final : public Controllet {
                                    "selected axes counts.",
                                .max_speed = 60})),
         .parameters = spec_table<kParameterCount>(
-            cartesian_parameters(), parameter_at<kFirstAxis>(axis("force_x", "force along")),
-            parameter_at<kFirstAxis + 1>(axis("force_y", "force along")),
-            parameter_at<kFirstAxis + 2>(axis("force_z", "force along")),
-            parameter_at<kFirstAxis + 3>(axis("moment_x", "moment about")),
-            parameter_at<kFirstAxis + 4>(axis("moment_y", "moment about")),
-            parameter_at<kFirstAxis + 5>(axis("moment_z", "moment about")),
-            parameter_at<kFrame>(choice_parameter(
-                "force_frame", {"world", "end_effector"},
-                "Axes that are selected: those of the world, or those of the end effector.")),
+            cartesian_parameters(), group_at<kFirstAxis>(axis_selection_parameters()),
             parameter_at<kProportional>(force[kForceProportional]),
             parameter_at<kIntegral>(force[kForceIntegral]),
             parameter_at<kMomentIntegral>(number("moment_integral_per_s", "1/s", 2, 0, 50,

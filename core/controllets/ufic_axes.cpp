@@ -9,20 +9,8 @@
 namespace multipanda {
 
 SpecsAt<ParameterSpec, 0, kUficAxesParameterCount> ufic_axes_parameters() {
-  const auto axis = [](const char* name, const char* what) {
-    return switch_parameter(name, false,
-                            std::string("Controls the ") + what + " this axis of the force frame.");
-  };
   return {spec_table<kUficAxesParameterCount>(
-      parameter_at<kFirstForceAxis>(axis("force_x", "force along")),
-      parameter_at<kFirstForceAxis + 1>(axis("force_y", "force along")),
-      parameter_at<kFirstForceAxis + 2>(axis("force_z", "force along")),
-      parameter_at<kFirstForceAxis + 3>(axis("moment_x", "moment about")),
-      parameter_at<kFirstForceAxis + 4>(axis("moment_y", "moment about")),
-      parameter_at<kFirstForceAxis + 5>(axis("moment_z", "moment about")),
-      parameter_at<kForceFrame>(
-          choice_parameter("force_frame", {"world", "end_effector"},
-                           "Axes that are selected: those of the world, or those of the end effector.")),
+      group_at<kFirstForceAxis>(axis_selection_parameters()),
       parameter_at<kMomentIntegral>({.name = "moment_integral_per_s",
                                      .unit = "1/s",
                                      .initial = {2},
