@@ -47,8 +47,7 @@ class BarePhysics {
  public:
   BarePhysics(const Scene& scene, std::size_t count) {
     for (std::size_t k = 0; k < count; ++k)
-      worlds_.push_back(
-          std::make_unique<MujocoBackend>(scene, MujocoOptions{.pace = Pace::unpaced, .meshes = {}}));
+      worlds_.push_back(std::make_unique<MujocoBackend>(scene, MujocoOptions{.pace = Pace::unpaced}));
     const World& first = worlds_[0]->world();
     q_.assign(first.data()->qpos, first.data()->qpos + first.model()->nq);
   }
