@@ -103,7 +103,7 @@ class ControlledWorld {
                   const StateRow& layout)
       : scene_(scene), registry_(registry), parts_(parts), layout_(layout) {}
 
-  // Builds anew what a world changes, with hidden plants its parts, too, and runs the first cycle, so that
+  // Builds again what a world changes, with hidden plants its parts, too, and runs the first cycle, so that
   // arms have measured their state. Throws std::invalid_argument: unknown names, wrong sizes, a scene that
   // cannot be built.
   void reset(const WorldStart& start);
