@@ -100,8 +100,8 @@ Case pinocchio_case(const Arms& arms) {
 }
 
 Case mujoco_case(std::size_t count, const Registry& registry, const std::string& name) {
-  auto backend =
-      std::make_shared<MujocoBackend>(simulation_scene(count, registry), MujocoOptions{Pace::unpaced, {}});
+  auto backend = std::make_shared<MujocoBackend>(simulation_scene(count, registry),
+                                                 MujocoOptions{.pace = Pace::unpaced});
   backend->start();
   World& world = backend->world();
   return {name, [backend, &world] { mj_step(world.model(), world.data()); }, {}};

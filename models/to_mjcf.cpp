@@ -111,6 +111,7 @@ class ArmWriter {
   }
 
   void write_visible(XmlText::Attributes attributes, const std::string& material) {
+    if (!options_.visuals) return;
     attributes.insert(
         attributes.end(),
         {{"material", named(material)}, {"group", "2"}, {"contype", "0"}, {"conaffinity", "0"}});

@@ -74,6 +74,7 @@ struct MjcfOptions {
   double rotor_hidden = 1;
   bool finger_servo = true;      // false: no actuator `fingers`; the force on the finger joints is applied
   std::string prefix;            // put before every name
+  bool visuals = true;           // false: no visible geoms
   std::filesystem::path meshes;  // folder of meshes to show in place of the primitives; empty: primitives
 };
 

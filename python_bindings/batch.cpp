@@ -20,9 +20,10 @@ Batch::Batch(const std::string& scene, std::size_t count, std::size_t threads)
                                   "' is a real one, and worlds are simulated: remove its key 'fci'");
   }
   if (threads_ == 0) threads_ = std::max(1u, std::thread::hardware_concurrency());
+  parts_.emplace(opened_.scene);
   states_.resize(count * layout_->size());
   for (std::size_t k = 0; k < count; ++k)
-    worlds_.push_back(std::make_unique<ControlledWorld>(opened_.scene, opened_.registry, *layout_));
+    worlds_.push_back(std::make_unique<ControlledWorld>(opened_.scene, opened_.registry, *parts_, *layout_));
 }
 
 void Batch::reset(std::span<const std::uint8_t> chosen, std::span<const WorldStart> starts) {

@@ -4,6 +4,7 @@
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -49,6 +50,7 @@ class Batch {
 
   OpenedScene opened_;
   std::unique_ptr<StateRow> layout_;
+  std::optional<WorldParts> parts_;
   std::size_t threads_;
   std::vector<std::unique_ptr<ControlledWorld>> worlds_;
   std::vector<double> states_;

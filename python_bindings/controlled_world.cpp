@@ -9,7 +9,6 @@
 #include "runtime/live_input/backend_requests.hpp"
 #include "runtime/live_input/request_handler.hpp"
 #include "runtime/request_text.hpp"
-#include "scene/build.hpp"
 #include "scene/hidden_plant.hpp"
 
 namespace multipanda {
@@ -88,10 +87,16 @@ void ControlledWorld::build(const WorldStart& start) {
     found->X_WO = pose_of("object '" + name + "'", values);
   }
   if (start.active) scene.timeline.clear();
-  if (start.hidden) hide(scene, start.seed);
+  std::optional<WorldParts> hidden;
+  if (start.hidden) {
+    hide(scene, start.seed);
+    hidden.emplace(scene);
+  }
+  const WorldParts& parts = hidden ? *hidden : parts_;
   cycle_.reset();
-  backend_ = std::make_unique<MujocoBackend>(scene, MujocoOptions{.pace = Pace::unpaced, .meshes = {}});
-  const CycleConfig config = build_cycle_config(scene, 0);
+  backend_ = std::make_unique<MujocoBackend>(scene, MujocoOptions{.pace = Pace::unpaced}, parts.plant);
+  CycleConfig config = parts.cycle;
+  config.obstacles = fixed_obstacles(scene);  // the timeline may have been left out
   std::vector<std::shared_ptr<const ArmModel>> models;
   terms_.clear();
   for (const auto& arm : config.arms) {

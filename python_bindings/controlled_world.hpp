@@ -17,6 +17,7 @@
 #include "core/model/model_terms.hpp"
 #include "core/record/record_fields.hpp"
 #include "runtime/live_input/request_handler.hpp"
+#include "scene/build.hpp"
 #include "scene/scene.hpp"
 
 // The state of a world as one row of numbers, which Python sees as arrays.
@@ -86,16 +87,25 @@ struct SavedWorld {
   static SavedWorld unpack(const std::uint8_t* bytes, std::size_t size);
 };
 
+// What the worlds of a scene share. Throws std::invalid_argument if the scene cannot be built.
+struct WorldParts {
+  explicit WorldParts(const Scene& scene) : plant(scene), cycle(build_cycle_config(scene, 0)) {}
+  PlantParts plant;
+  CycleConfig cycle;
+};
+
 // A simulated world of a scene with its control loop, stepped by the caller: the program's own run, bit for
 // bit, if it gets the same requests at the same cycles. One thread at a time.
 class ControlledWorld {
  public:
-  // `scene` and `registry` outlive it. Call reset() first.
-  ControlledWorld(const Scene& scene, const Registry& registry, const StateRow& layout)
-      : scene_(scene), registry_(registry), layout_(layout) {}
+  // All arguments outlive it. Call reset() first.
+  ControlledWorld(const Scene& scene, const Registry& registry, const WorldParts& parts,
+                  const StateRow& layout)
+      : scene_(scene), registry_(registry), parts_(parts), layout_(layout) {}
 
-  // Builds everything again and runs the first cycle, so that arms have measured their state.
-  // Throws std::invalid_argument: unknown names, wrong sizes, a scene that cannot be built.
+  // Builds again what a world changes, with hidden plants its parts, too, and runs the first cycle, so that
+  // arms have measured their state. Throws std::invalid_argument: unknown names, wrong sizes, a scene that
+  // cannot be built.
   void reset(const WorldStart& start);
 
   // Sends the world a request, from the next cycle on, as over the socket (docs/live_input.md), to the loop,
@@ -142,6 +152,7 @@ class ControlledWorld {
 
   const Scene& scene_;
   const Registry& registry_;
+  const WorldParts& parts_;
   const StateRow& layout_;
   WorldStart start_;
   std::vector<WorldCommand> commands_;

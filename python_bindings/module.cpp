@@ -180,7 +180,7 @@ Eigen::VectorXd coriolis(ArmTerms& arm, const Eigen::VectorXd& q, const Eigen::V
 nb::bytes world_model(const std::string& scene, const std::vector<std::string>& settings) {
   const OpenedScene opened = open_scene(scene);
   const MujocoBackend backend(settings.empty() ? opened.scene : with_values(opened, settings),
-                              {.pace = Pace::unpaced});
+                              {.pace = Pace::unpaced, .looks = true});
   const mjModel* model = backend.world().model();
   std::string bytes(static_cast<std::size_t>(mj_sizeModel(model)), '\0');
   mj_saveModel(model, nullptr, bytes.data(), static_cast<mjtSize>(bytes.size()));

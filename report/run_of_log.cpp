@@ -72,7 +72,7 @@ std::vector<double> positions(const World& world, const Scene& scene, const RunO
 void draw(const RunOfLog& run, const std::vector<ChosenMoment>& chosen,
           const std::filesystem::path& directory, ScenePictures& out) {
   const Scene& scene = *run.scene;
-  const MujocoBackend backend(scene, {.pace = Pace::unpaced});
+  const MujocoBackend backend(scene, {.pace = Pace::unpaced, .looks = true});
   const World& world = backend.world();
   Painter painter(world.model());
   if (!painter.works()) {

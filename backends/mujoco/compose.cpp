@@ -301,7 +301,7 @@ void add_arm(mjSpec* spec, const WorldArm& arm, bool carries, const WorldPhysics
   exclude_mount(spec, arm);
 }
 
-void add_object(mjSpec* spec, const SceneObject& object) {
+void add_object(mjSpec* spec, const SceneObject& object, bool looks) {
   if (!object.fixed && object.shape == SceneObject::Shape::plane) {
     refuse("object '" + object.name + "'", "a plane cannot be free");
   }
@@ -313,7 +313,7 @@ void add_object(mjSpec* spec, const SceneObject& object) {
   mjs_setName(geom->element, object.name.c_str());
   check_size("object '" + object.name + "'", object.shape, object.size);
   set_size(object.shape, object.size, geom);
-  if (object.shape == ShapeType::plane) mjs_setString(geom->material, "floor");
+  if (looks && object.shape == ShapeType::plane) mjs_setString(geom->material, "floor");
   if (!object.fixed) geom->mass = object.mass;
   // Bases are mounted on fixed objects, so link0 and link1 do not collide with these.
   const CollisionBits bits = object.fixed ? kFloorBits : kObjectBits;
@@ -355,16 +355,15 @@ mjModel* compose(const std::vector<WorldArm>& arms, const std::vector<SceneObjec
   check_names(arms, objects);
   const SpecPtr spec(mj_makeSpec());
   set_options(spec.get(), physics);
-  add_surroundings(spec.get(), arms, std::any_of(objects.begin(), objects.end(), [](const SceneObject& o) {
-                     return o.shape == SceneObject::Shape::plane;
-                   }));
+  const auto is_plane = [](const SceneObject& object) { return object.shape == SceneObject::Shape::plane; };
+  if (physics.looks) add_surroundings(spec.get(), arms, std::ranges::any_of(objects, is_plane));
   for (const auto& arm : arms) {
     const bool carries = std::any_of(arms.begin(), arms.end(), [&](const WorldArm& other) {
       return other.carrier && other.carrier->name == arm.name;
     });
     add_arm(spec.get(), arm, carries, physics);
   }
-  for (const auto& object : objects) add_object(spec.get(), object);
+  for (const auto& object : objects) add_object(spec.get(), object, physics.looks);
   add_surface_pairs(spec.get(), arms, objects);
   add_finger_pairs(spec.get(), arms, objects);
   add_cup_welds(spec.get(), arms, objects);

@@ -167,5 +167,47 @@ TEST(Contact, ArmsWithoutCommonContactAreIndependent) {
   EXPECT_NE(hash_run(scene, 2000, 1, 3), hash_run(scene, 2000, 1, -5));
 }
 
+// Where bodies and objects are after 0.4 s, in which a ball falls on an arm that holds nothing up.
+std::vector<double> positions_after(MujocoPlant plant, int* geoms = nullptr) {
+  bool touched = false;
+  for (int k = 0; k < 400; ++k) {
+    plant.advance();
+    touched = touched || plant.arm(0).state().F_K_W_true.force().norm() > 1;
+  }
+  EXPECT_TRUE(touched);
+  const mjModel* m = plant.world().model();
+  if (geoms != nullptr) *geoms = static_cast<int>(m->ngeom);
+  std::vector<double> all(plant.world().data()->qpos, plant.world().data()->qpos + m->nq);
+  for (const double tau : plant.arm(0).state().tau_J) all.push_back(tau);
+  return all;
+}
+
+Scene ball_on_hand(double height) {
+  Scene scene = scene_of({arm_named("a"), arm_named("b", pose(0, 0.6, 0))}, PlantFidelity::realistic());
+  scene.objects = {table({0.6, 0.3, 0.1}, {0.5, 1.2, 0.2}), ball("ball", {0.31, 0.01, height}, 0.1, 0.5)};
+  return scene;
+}
+
+TEST(Contact, WhatOnlyPicturesShowChangesNoBit) {
+  const Scene scene = ball_on_hand(0.9);
+  int plain = 0, shown = 0;
+  EXPECT_EQ(positions_after(MujocoPlant(scene), &plain),
+            positions_after(MujocoPlant(scene, {.looks = true}), &shown));
+  EXPECT_LT(plain, shown / 3);
+}
+
+// MuJoCo compiled the parts with the ball elsewhere, which its model's constants know to the last bits.
+TEST(Contact, PartsOfASceneServeEveryStart) {
+  Scene scene = ball_on_hand(0.9);
+  const PlantParts parts(scene);
+  EXPECT_EQ(positions_after(MujocoPlant(scene, parts)), positions_after(MujocoPlant(scene)));
+  scene = ball_on_hand(0.87);
+  scene.arms[0].q_start[0] = 0.02;
+  scene.seed = 7;
+  const auto shared = positions_after(MujocoPlant(scene, parts)), own = positions_after(MujocoPlant(scene));
+  ASSERT_EQ(shared.size(), own.size());
+  for (std::size_t i = 0; i < own.size(); ++i) EXPECT_NEAR(shared[i], own[i], 1e-9) << i;
+}
+
 }  // namespace
 }  // namespace multipanda::contact_test

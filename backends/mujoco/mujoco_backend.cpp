@@ -13,8 +13,8 @@ constexpr bool kIsOneOf = (std::is_same_v<Request, Kinds> || ...);
 
 }  // namespace
 
-MujocoBackend::MujocoBackend(const Scene& scene, MujocoOptions options)
-    : pace_(options.pace), plant_(scene, {.meshes = std::move(options.meshes)}) {
+MujocoBackend::MujocoBackend(const Scene& scene, MujocoOptions options, const PlantParts& parts)
+    : pace_(options.pace), plant_(scene, parts) {
   gripper_motions_.reserve(RequestBox::kSlots);
   if (pace_ == Pace::realtime) requests_.refuse_after_gaps();
 }

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
@@ -21,7 +20,7 @@ enum class Pace : std::uint8_t {
 
 struct MujocoOptions {
   Pace pace = Pace::realtime;
-  std::filesystem::path meshes;  // shown in pictures in place of the primitives; empty: primitives
+  bool looks = false;  // PlantOptions
 };
 
 // A scene in MuJoCo, in lock-step with the loop: the world is paused while the loop computes; after
@@ -44,7 +43,9 @@ class MujocoBackend : public Backend, public SimulationView {
   static constexpr double kPeriod = MujocoPlant::kPeriod;  // [s]
 
   // Throws std::invalid_argument if the scene cannot be built; nothing moves before start().
-  explicit MujocoBackend(const Scene& scene, MujocoOptions options = {});
+  explicit MujocoBackend(const Scene& scene, MujocoOptions options = {})
+      : MujocoBackend(scene, options, PlantParts(scene, {.looks = options.looks})) {}
+  MujocoBackend(const Scene& scene, MujocoOptions options, const PlantParts& parts);
 
   std::size_t arm_count() const override { return plant_.arm_count(); }
   Capabilities capabilities(ArmIndex arm) const override;

@@ -31,7 +31,7 @@ TEST(Picture, ShowsArmsAndIsWrittenAsPng) {
   box.fixed = false;
   box.rgba = {0.2, 0.45, 0.75, 1};
   scene.objects = {table, box};
-  MujocoBackend backend(scene, {.pace = Pace::unpaced});
+  MujocoBackend backend(scene, {.pace = Pace::unpaced, .looks = true});
   Painter painter(backend.world().model());
   if (!painter.works()) GTEST_SKIP() << painter.reason();
   const auto file = std::filesystem::path(MULTIPANDA_BINARY_DIR) / "picture_test.png";
@@ -60,7 +60,7 @@ TEST(Picture, ShowsArmsAndIsWrittenAsPng) {
 }
 
 TEST(Picture, RefusesMismatchedInput) {
-  MujocoBackend backend(scene_of({arm_named("a")}), {.pace = Pace::unpaced});
+  MujocoBackend backend(scene_of({arm_named("a")}), {.pace = Pace::unpaced, .looks = true});
   Painter large(backend.world().model(), {.width = 5000});
   EXPECT_FALSE(large.works());
   Painter painter(backend.world().model());

@@ -25,30 +25,25 @@ std::optional<WorldArm::Carrier> carrier_of(const Scene& scene, const SceneArm& 
                            .X_JB = plant_mount_of(*arm.mount, plant)};
 }
 
-std::vector<WorldArm> world_arms(const Scene& scene, const PlantOptions& options) {
-  std::vector<WorldArm> arms;
-  for (const auto& arm : scene.arms) {
-    const RobotDescription robot = plant_robot_of(arm);
-    const Fingers fingers = has_fingers(arm) ? Fingers::movable : Fingers::locked;
-    arms.push_back(
-        {.name = arm.name,
-         .mjcf = to_mjcf(
-             robot, {.hand = arm.hand, .fingers = fingers, .finger_servo = false, .meshes = options.meshes}),
-         .joint_count = robot.joint_count(),
-         .X_WB = plant_base_of(arm, robot),
-         .carrier = carrier_of(scene, arm, robot),
-         .q_start = arm.q_start,
-         .tool = arm.tool,
-         .payload = arm.load_present,
-         .tool_shapes = arm.tool_shapes});
-    if (has_fingers(arm)) {
-      arms.back().has_fingers = true;
-      arms.back().finger_boxes = robot.hand->finger_boxes.size();
-      arms.back().fingers_start = robot.hand->finger_travel;
-    }
-    if (arm.vacuum) arms.back().X_FE_vacuum = arm_config(arm).frames.X_FE;
+WorldArm world_arm(const Scene& scene, const SceneArm& arm, const RobotDescription& robot, bool looks) {
+  const Fingers fingers = has_fingers(arm) ? Fingers::movable : Fingers::locked;
+  WorldArm placed{
+      .name = arm.name,
+      .mjcf = to_mjcf(robot, {.hand = arm.hand, .fingers = fingers, .finger_servo = false, .visuals = looks}),
+      .joint_count = robot.joint_count(),
+      .X_WB = plant_base_of(arm, robot),
+      .carrier = carrier_of(scene, arm, robot),
+      .q_start = arm.q_start,
+      .tool = arm.tool,
+      .payload = arm.load_present,
+      .tool_shapes = arm.tool_shapes};
+  if (has_fingers(arm)) {
+    placed.has_fingers = true;
+    placed.finger_boxes = robot.hand->finger_boxes.size();
+    placed.fingers_start = robot.hand->finger_travel;
   }
-  return arms;
+  if (arm.vacuum) placed.X_FE_vacuum = arm_config(arm).frames.X_FE;
+  return placed;
 }
 
 std::optional<LinkFriction> link_friction_of(const RobotDescription& robot) {
@@ -59,35 +54,64 @@ std::optional<LinkFriction> link_friction_of(const RobotDescription& robot) {
 // Iterations that keep held objects from creeping out of the fingers.
 constexpr std::size_t kNoslipOfFingers = 5;
 
-WorldPhysics world_physics(const Scene& scene, double timestep) {
+WorldPhysics world_physics(const Scene& scene, bool looks) {
   const bool grasps = std::any_of(scene.arms.begin(), scene.arms.end(), has_fingers);
   return {
-      .timestep = timestep,
+      .timestep = MujocoPlant::kPeriod / static_cast<double>(checked_substeps(scene)),
       .noslip_iterations = static_cast<int>(std::max(scene.noslip_iterations, grasps ? kNoslipOfFingers : 0)),
-      .stiction = scene.plant.stiction_nm};
+      .stiction = scene.plant.stiction_nm,
+      .looks = looks};
+}
+
+std::vector<WorldArm> arms_of_world(const PlantParts& parts, const Scene& scene) {
+  std::vector<WorldArm> arms;
+  for (std::size_t i = 0; i < parts.arms.size(); ++i) {
+    arms.push_back(parts.arms[i].of_world);
+    arms.back().q_start = scene.arms[i].q_start;
+  }
+  return arms;
 }
 
 }  // namespace
 
-MujocoPlant::MujocoPlant(const Scene& scene, const PlantOptions& options)
+PlantParts::PlantParts(const Scene& scene, const PlantOptions& options)
+    : physics(world_physics(scene, options.looks)) {
+  for (std::size_t i = 0; i < scene.arms.size(); ++i) {
+    const SceneArm& arm = scene.arms[i];
+    RobotDescription robot = plant_robot_of(arm);
+    WorldArm of_world = world_arm(scene, arm, robot, options.looks);
+    const bool real_sensors = (options.real_sensors || scene.plant.real_sensors) && !arm.plant_robot;
+    if (real_sensors && !robot.link_friction) robot.link_friction = usual_link_friction(robot);
+    arms.push_back({.of_world = std::move(of_world),
+                    .behavior = simulated_arm_config(scene, i, real_sensors),
+                    .friction = friction_of(scene, robot),
+                    .link_friction = link_friction_of(robot),
+                    .motor_inertia = robot.motor_inertia,
+                    .gripper = {}});
+    if (!has_fingers(arm)) continue;
+    const HandDescription& hand = *robot.hand;
+    arms.back().gripper = {2 * hand.finger_travel, hand.finger_velocity, hand.finger_effort};
+  }
+  model.reset(compose(arms_of_world(*this, scene), scene.objects, physics));
+}
+
+MujocoPlant::MujocoPlant(const Scene& scene, const PlantParts& parts, const PlantOptions& options)
     : substeps_(checked_substeps(scene)),
-      world_(world_arms(scene, options), scene.objects,
-             world_physics(scene, kPeriod / static_cast<double>(substeps_))),
+      world_(*parts.model, arms_of_world(parts, scene), scene.objects, parts.physics),
       pushes_(world_.objects().size()),
       has_stiction_(scene.plant.stiction_nm > 0) {
   if (options.timeline_waits) timeline_origin_.reset();
   plan_places(scene);
   for (std::size_t i = 0; i < scene.arms.size(); ++i) {
-    RobotDescription robot = plant_robot_of(scene.arms[i]);
-    const bool real_sensors =
-        (options.real_sensors || scene.plant.real_sensors) && !scene.arms[i].plant_robot;
-    if (real_sensors && !robot.link_friction) robot.link_friction = usual_link_friction(robot);
-    const JointVector zero = joint_constant(robot.joint_count(), 0);
+    const PlantParts::Arm& part = parts.arms[i];
+    SimulatedArmConfig behavior = part.behavior;
+    behavior.seed = seed_of(scene.seed, i);
     const JointVector& q_start = scene.arms[i].q_start;
-    arms_.push_back({.behavior = SimulatedArm(simulated_arm_config(scene, i, real_sensors), q_start),
-                     .friction = friction_of(scene, robot),
-                     .link_friction = link_friction_of(robot),
-                     .motor_inertia = robot.motor_inertia,
+    const JointVector zero = joint_constant(part.of_world.joint_count, 0);
+    arms_.push_back({.behavior = SimulatedArm(std::move(behavior), q_start),
+                     .friction = part.friction,
+                     .link_friction = part.link_friction,
+                     .motor_inertia = part.motor_inertia,
                      .q_start = q_start,
                      .q = zero,
                      .dq = zero,
@@ -95,11 +119,7 @@ MujocoPlant::MujocoPlant(const Scene& scene, const PlantOptions& options)
                      .friction_explicit = zero,
                      .friction_slope = zero,
                      .measurement = {.q = zero, .dq = zero, .tau_link = zero, .has_contact_truth = true}});
-    if (has_fingers(scene.arms[i])) {
-      const HandDescription& hand = *robot.hand;
-      const GripperLimits limits{2 * hand.finger_travel, hand.finger_velocity, hand.finger_effort};
-      arms_.back().gripper.emplace(limits, limits.width);
-    }
+    if (part.gripper) arms_.back().gripper.emplace(*part.gripper, part.gripper->width);
     if (scene.arms[i].vacuum) arms_.back().vacuum.emplace();
     if (scene.arms[i].force_sensor) arms_.back().X_FS = scene.arms[i].force_sensor->mount.X_FS;
   }

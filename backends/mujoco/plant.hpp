@@ -3,7 +3,6 @@
 #include <array>
 #include <cstdint>
 #include <deque>
-#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,6 +11,7 @@
 #include "backends/gripper/simulated_vacuum.hpp"
 #include "backends/mujoco/world.hpp"
 #include "backends/simulated_arm/friction.hpp"
+#include "backends/simulated_arm/from_scene.hpp"
 #include "backends/simulated_arm/request_box.hpp"
 #include "backends/simulated_arm/simulated_arm.hpp"
 #include "core/state/force_sensor.hpp"
@@ -22,12 +22,30 @@
 namespace multipanda {
 
 struct PlantOptions {
-  std::filesystem::path meshes;  // shown in pictures in place of the primitives; empty: primitives
+  // For pictures: with what only they show. It costs a seventh of a step, since MuJoCo places it, too.
+  bool looks = false;
   // The timeline's `place` events wait for begin_timeline(); otherwise their time counts from construction.
   bool timeline_waits = false;
   // Sensors, the arms' own estimate of forces and friction behind the torque sensors as real arms have them
   // (ArmSensors); not of hidden plants, which have their own.
   bool real_sensors = false;
+};
+
+// What the plants of a scene share whatever they start with: files are read and MuJoCo compiles once. Any
+// number of threads may build plants from it. Throws std::invalid_argument if the scene cannot be built.
+struct PlantParts {
+  struct Arm {
+    WorldArm of_world;
+    SimulatedArmConfig behavior;
+    std::optional<JointFriction> friction;
+    std::optional<LinkFriction> link_friction;
+    JointVector motor_inertia;
+    std::optional<GripperLimits> gripper;
+  };
+  explicit PlantParts(const Scene& scene, const PlantOptions& options = {});
+  std::vector<Arm> arms;
+  WorldPhysics physics;
+  ModelOwner model;
 };
 
 // A scene with its arms, ready to be stepped by one control period of 1 ms: MuJoCo's rigid bodies, joint
@@ -45,7 +63,11 @@ class MujocoPlant {
   static constexpr double kPeriod = kArmPeriod;  // [s]
 
   // Throws std::invalid_argument if the scene cannot be built.
-  explicit MujocoPlant(const Scene& scene, const PlantOptions& options = {});
+  explicit MujocoPlant(const Scene& scene, const PlantOptions& options = {})
+      : MujocoPlant(scene, PlantParts(scene, options), options) {}
+  // The same from parts of this scene, which may differ in seed, start positions of arms and free objects,
+  // and timeline.
+  MujocoPlant(const Scene& scene, const PlantParts& parts, const PlantOptions& options = {});
 
   std::size_t arm_count() const { return arms_.size(); }
   SimulatedArm& arm(ArmIndex i) { return arms_[i].behavior; }

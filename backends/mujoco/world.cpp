@@ -23,9 +23,9 @@ std::string geom_name(const mjModel* m, int geom) {
 
 }  // namespace
 
-World::World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
-             const WorldPhysics& physics)
-    : model_(compose(arms, objects, physics)) {
+World::World(const mjModel& compiled, const std::vector<WorldArm>& arms,
+             const std::vector<SceneObject>& objects, const WorldPhysics& physics)
+    : model_(mj_copyModel(nullptr, &compiled)) {
   find_places(arms, objects);
   for (const auto& arm : arms_) {
     for (const int dof : arm.dof) {
@@ -48,6 +48,7 @@ World::World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& 
       qpos_start_[static_cast<std::size_t>(finger)] = arms[a].fingers_start;
     }
   }
+  for (const auto& object : objects_) set_place(object, object.X_WO_start, qpos_start_.data());
   if (!reset())
     throw std::invalid_argument(std::string("MuJoCo cannot start the scene:  ") + last_engine_error());
   refuse_penetration();
@@ -206,7 +207,7 @@ double World::stiction_torque(int dof) const {
 bool World::reset() {
   for (std::size_t a = 0; a < arms_.size(); ++a) let_go(a);
   for (const auto& object : objects_) {
-    if (object.qpos < 0) set_place(object, object.X_WO_start);
+    if (object.qpos < 0) set_place(object, object.X_WO_start, nullptr);
   }
   return without_engine_error([this] { mj_resetData(model_.get(), data_.get()); }) &&
          (std::copy(qpos_start_.begin(), qpos_start_.end(), data_->qpos), forward());
@@ -226,9 +227,9 @@ bool World::step() {
 }
 
 // The model has the pose of a fixed body; MuJoCo reads it in every step.
-void World::set_place(const ObjectPlaces& object, const Pose& X_WO) {
+void World::set_place(const ObjectPlaces& object, const Pose& X_WO, double* qpos) {
   const bool fixed = object.qpos < 0;
-  mjtNum* p = fixed ? model_->body_pos + 3 * object.body : data_->qpos + object.qpos;
+  mjtNum* p = fixed ? model_->body_pos + 3 * object.body : qpos + object.qpos;
   mjtNum* quaternion = fixed ? model_->body_quat + 4 * object.body : p + 3;
   std::copy_n(X_WO.position.data(), 3, p);
   const Quaternion q = X_WO.quaternion();
@@ -260,14 +261,14 @@ bool World::place(std::size_t index, const Pose& X_WO) {
     std::copy_n(velocity, 6, velocity_before.begin());
     std::fill_n(velocity, 6, 0.0);
   }
-  set_place(object, X_WO);
+  set_place(object, X_WO, data_->qpos);
   if (forward() && !stands_inside(object.body)) {
     for (std::size_t a = 0; a < arms_.size(); ++a) {
       if (held(a) == index) let_go(a);
     }
     return true;
   }
-  set_place(object, X_WO_before);
+  set_place(object, X_WO_before, data_->qpos);
   if (object.dof >= 0) std::copy(velocity_before.begin(), velocity_before.end(), data_->qvel + object.dof);
   forward();
   return false;

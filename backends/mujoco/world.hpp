@@ -42,7 +42,14 @@ struct WorldPhysics {
   double timestep = 0.001;    // [s]
   int noslip_iterations = 0;  // of the contact solver
   double stiction = 0;        // dry friction of every arm joint [N m]
+  bool looks = true;          // with what only pictures show
 };
+
+struct EngineFree {
+  void operator()(mjModel* m) const { mj_deleteModel(m); }
+  void operator()(mjData* d) const { mj_deleteData(d); }
+};
+using ModelOwner = std::unique_ptr<mjModel, EngineFree>;
 
 // The physical world in MuJoCo: arms, their loads, and objects, with rigid bodies, contact and gravity.
 // SimulatedArm adds an arm's own behavior. Names: elements of an arm are "<arm>/<name in its MJCF>", tool
@@ -51,7 +58,8 @@ struct WorldPhysics {
 // the scene or if bodies penetrate at the start (with names and depth). No later call allocates.
 class World {
  public:
-  World(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
+  // `compiled`: by compose(), of the same scene; arms and free objects may start elsewhere.
+  World(const mjModel& compiled, const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects,
         const WorldPhysics& physics);
 
   // Addresses of an arm's quantities in MuJoCo.
@@ -141,19 +149,15 @@ class World {
  private:
   void find_places(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects);
   void refuse_penetration() const;
-  void set_place(const ObjectPlaces& object, const Pose& X_WO);
+  void set_place(const ObjectPlaces& object, const Pose& X_WO, double* qpos);
   Pose placed_at(const ObjectPlaces& object) const;
   bool stands_inside(int body) const;
   void find_grippers(const WorldArm& arm, const std::vector<SceneObject>& objects, ArmPlaces& places) const;
   Pose X_WV(std::size_t arm) const;  // of the cup
   Wrench weld_wrench(std::size_t arm, const Vector3& p_W) const;
 
-  struct Free {
-    void operator()(mjModel* m) const { mj_deleteModel(m); }
-    void operator()(mjData* d) const { mj_deleteData(d); }
-  };
-  std::unique_ptr<mjModel, Free> model_;
-  std::unique_ptr<mjData, Free> data_;
+  ModelOwner model_;
+  std::unique_ptr<mjData, EngineFree> data_;
   std::vector<ArmPlaces> arms_;
   std::vector<ObjectPlaces> objects_;
   std::vector<int> arm_of_body_;

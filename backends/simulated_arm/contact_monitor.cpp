@@ -3,7 +3,7 @@
 #include <cmath>
 #include <numbers>
 
-#include <Eigen/Cholesky>
+#include "core/types/triangular.hpp"
 
 namespace multipanda {
 namespace {
@@ -15,9 +15,9 @@ double distance_from_singularity(const Jacobian& J) {
     const Vector6 column = J.col(i);
     JJt.noalias() += column * column.transpose();
   }
-  const Eigen::LLT<Matrix6> llt(JJt);
-  if (llt.info() != Eigen::Success) return 0;
-  const Matrix6 inverse_root = llt.matrixL().solve(Matrix6::Identity());  // tr(A^-1) = |L^-1|^2
+  Matrix6 L, inverse_root = Matrix6::Identity();
+  if (!cholesky_factor(JJt, L)) return 0;
+  divide_by_transposed_lower(L, inverse_root);  // tr(A^-1) = |L^-1|^2
   const double trace = inverse_root.squaredNorm();
   return std::isfinite(trace) ? 1 / trace : 0;
 }

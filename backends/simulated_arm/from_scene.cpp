@@ -8,15 +8,15 @@
 #include "scene/build.hpp"
 
 namespace multipanda {
-namespace {
 
-// Independent noise for each arm.
 std::uint64_t seed_of(std::uint64_t scene_seed, std::size_t arm) {
   std::uint64_t z = scene_seed + 0x9E3779B97F4A7C15u * (arm + 1);  // SplitMix64
   z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9u;
   z = (z ^ z >> 27) * 0x94D049BB133111EBu;
   return z ^ z >> 31;
 }
+
+namespace {
 
 // Reported of real arms: 0.2 to 7 s, at rest too.
 constexpr int kRealRecovery = 200;  // [periods]

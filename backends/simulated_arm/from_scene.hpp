@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <optional>
 
 #include "backends/simulated_arm/simulated_arm.hpp"
@@ -12,6 +13,9 @@ namespace multipanda {
 // Settings of the arm's own behavior: model, frames, declared tool and load, fidelity, seed. `real_sensors`:
 // SimulatedArmConfig::real_sensors, in place of the usual noise of fidelity `realistic`.
 SimulatedArmConfig simulated_arm_config(const Scene& scene, std::size_t arm, bool real_sensors = false);
+
+// The seed of an arm's noise, independent for each.
+std::uint64_t seed_of(std::uint64_t scene_seed, std::size_t arm);
 
 // The joint friction of the plant; none if the scene's fidelity has none.
 // Throws std::invalid_argument if the scene requests it and the robot has no friction table.

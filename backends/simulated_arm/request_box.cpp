@@ -44,7 +44,7 @@ std::string_view to_string(ArmReply reply) {
   return "unknown reply";
 }
 
-RequestBox::RequestBox(double patience_s) : patience_s_(patience_s), helper_([this] { keep_promises(); }) {}
+RequestBox::RequestBox(double patience_s) : patience_s_(patience_s) {}
 
 RequestBox::~RequestBox() {
   close();
@@ -53,7 +53,7 @@ RequestBox::~RequestBox() {
     ending_ = true;
   }
   posted_.notify_all();
-  helper_.join();
+  if (helper_.joinable()) helper_.join();
 }
 
 std::future<RequestAnswer> RequestBox::post(Posted posted) {
@@ -69,6 +69,7 @@ std::future<RequestAnswer> RequestBox::post(Posted posted) {
     auto future = slot.promise.get_future();
     ring_.push(static_cast<std::uint8_t>(i));  // never full: as many places as slots
     ++pending_;
+    if (!helper_.joinable()) helper_ = std::thread([this] { keep_promises(); });
     posted_.notify_one();
     return future;
   }

@@ -40,8 +40,8 @@ std::string_view to_string(ArmReply reply);
 // Requests from any thread to the loop of a simulated backend, and their answers as futures.
 //
 // Callers share a mutex that the loop never touches. The loop takes requests from a ring at the start of a
-// step and marks each as answered in its slot; a helper thread, awake only while requests are pending,
-// fulfills the promises, which allocates and locks.
+// step and marks each as answered in its slot; a helper thread, which the first request starts and which is
+// awake only while requests are pending, fulfills the promises, which allocates and locks.
 class RequestBox {
  public:
   static constexpr std::size_t kSlots = 64;         // largest number of pending requests ...

@@ -10,6 +10,11 @@ Matrix6 task_damping(const Matrix6& Lambda, const Matrix6& stiffness, double zet
   return coupled_damping(Lambda, stiffness, zeta);
 }
 
+JointMatrix coupled_damping(const JointMatrix& inertia, const JointMatrix& stiffness, double zeta) {
+  if (inertia.rows() == 7) return coupled_damping<Matrix7>(inertia, stiffness, zeta);
+  return coupled_damping<JointMatrix>(inertia, stiffness, zeta);
+}
+
 JointVector diagonal_damping(const JointMatrix& M, const JointVector& stiffness, double zeta) {
   return 2.0 * zeta * (stiffness.array() * M.diagonal().array()).sqrt().matrix();
 }

@@ -54,6 +54,8 @@ Matrix coupled_damping(const Matrix& inertia, const Matrix& stiffness, double ze
   return (Q * d.asDiagonal()).lazyProduct(Q.transpose());
 }
 
+JointMatrix coupled_damping(const JointMatrix& inertia, const JointMatrix& stiffness, double zeta);
+
 // The same for a task, linear first: [N s/m, N m s/rad] from [kg, kg m^2] and [N/m, N m/rad].
 Matrix6 task_damping(const Matrix6& Lambda, const Matrix6& stiffness, double zeta);
 

@@ -125,6 +125,15 @@ JointVector Manipulability::self_motion(const Jacobian& J, const JointVector& dq
 
 template <typename Matrix>
 CoupledModes<Matrix>::CoupledModes(const Matrix& inertia, const Matrix& stiffness) : U(stiffness) {
+  if constexpr (Matrix::RowsAtCompileTime == Eigen::Dynamic) {
+    if (inertia.rows() == 7) {  // most arms; their loops have a fixed length
+      const CoupledModes<Matrix7> modes(inertia, stiffness);
+      L = modes.L;
+      U = modes.U;
+      k = modes.k;
+      return;
+    }
+  }
   cholesky_factor(inertia, L);
   L.template triangularView<Eigen::StrictlyUpper>().setZero();
   divide_by_transposed_lower(L, U);

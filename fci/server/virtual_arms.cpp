@@ -49,8 +49,7 @@ void let_rotors_act(Scene& scene) {
 VirtualArms::VirtualArms(Scene scene, VirtualArmOptions options)
     : scene_(prepared(std::move(scene), options.grippers)),
       options_(std::move(options)),
-      plant_(scene_, {.meshes = options_.meshes,
-                      .timeline_waits = true,
+      plant_(scene_, {.timeline_waits = true,
                       .real_sensors = options_.real_sensors && scene_.plant.name.starts_with("realistic")}),
       view_(plant_),
       pushes_(plant_.arm_count()),

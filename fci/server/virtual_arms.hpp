@@ -101,7 +101,6 @@ struct VirtualArmOptions {
   // Lock-step: longest wait for the command of an arm in a motion; afterwards the period counts as missed.
   std::chrono::milliseconds patience{500};
   std::optional<ThreadSetup> thread{};  // real-time scheduling of the loop; none: unchanged
-  std::filesystem::path meshes;
   // Called on the loop's thread before the first and after every period. It must neither block nor throw.
   std::function<void(const MujocoPlant&)> on_period;
 };

@@ -44,7 +44,7 @@ void check(const ArmTiming& timing, const std::string& name) {
 
 SimulatedTime::Implementation::Implementation(const Scene& scene, SimulatedTimeOptions requested)
     : options(std::move(requested)),
-      plant(scene, {.meshes = {}, .timeline_waits = true}),
+      plant(scene, {.timeline_waits = true}),
       draw_network(options.seed),
       draw_client(options.seed ^ 0x9E3779B97F4A7C15u) {
   if (options.arms.size() > scene.arms.size()) throw std::invalid_argument("more clocks than arms");

@@ -20,7 +20,7 @@ MotionRequest motion_of(ArmDrive drive) {
 
 class MujocoArms final : public HardwareArms {
  public:
-  explicit MujocoArms(const Scene& scene) : backend_(scene, {.pace = Pace::hosted, .meshes = {}}) {}
+  explicit MujocoArms(const Scene& scene) : backend_(scene, {.pace = Pace::hosted}) {}
 
   Backend& backend() override { return backend_; }
   void connect() override { backend_.start(); }
