@@ -94,10 +94,11 @@ SimulatedArmConfig config_of(const std::string& model, std::uint32_t seed, const
   return simulated_arm_config(scene, 0, true);
 }
 
-// A gap that docs/like_a_real_arm.md states: a Panda's estimate has the errors of its own model, an FR3's none.
+// A gap that docs/like_a_real_arm.md states: an estimate has the errors of the arm's own model on Pandas only.
 TEST(ArmSensors, OnlyPandasEstimateByAModelThatIsNotTheirPlants) {
   EXPECT_NE(config_of("fer", 1).estimating_model, nullptr);
-  for (const char* robot : {"fr3", "fr3v2"}) EXPECT_EQ(config_of(robot, 1).estimating_model, nullptr) << robot;
+  for (const char* robot : {"fr3", "fr3v2"})
+    EXPECT_EQ(config_of(robot, 1).estimating_model, nullptr) << robot;
 }
 
 TEST(ArmSensors, MotorsAreAheadOfTheirLinksAsOfARealArm) {
