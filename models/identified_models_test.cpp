@@ -237,7 +237,7 @@ TEST(WrittenRobots, AreExported) {
   EXPECT_THAT(to_urdf(read, {.hand = true}), HasSubstr("<mass value=\"3.0625\"/>"));
   // Without its own, an arm has the rotors of its model, as far as no torque loop hides them.
   EXPECT_THAT(to_mjcf(nominal), HasSubstr("armature=\"0\""));
-  EXPECT_THAT(to_mjcf(nominal, {.rotor_hidden = 0.75}), HasSubstr("armature=\"0.025\""));
+  EXPECT_THAT(to_mjcf(nominal, {.rotor_hidden = 0.75}), HasSubstr("armature=\"0.151430364\""));
   const std::string plant = to_mjcf(read), whole = to_mjcf(read, {.friction = true});
   EXPECT_THAT(plant, AllOf(HasSubstr("mass=\"3.0625\""),
                            HasSubstr("armature=\"0.40625\" damping=\"0\" frictionloss=\"0\"")));

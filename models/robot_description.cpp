@@ -54,7 +54,8 @@ bool RobotDescription::has_prismatic_joints() const {
 }
 
 JointVector acting_motor_inertia(const RobotDescription& robot, double hidden) {
-  if (robot.motor_inertia.size() > 0) return robot.motor_inertia;
+  if (robot.motor_inertia.size() > 0)
+    return robot.motor_inertia.isZero(0) ? JointVector() : robot.motor_inertia;
   if (robot.rotor_inertia.size() == 0 || hidden >= 1) return {};
   return (1 - hidden) * robot.rotor_inertia;
 }

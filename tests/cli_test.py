@@ -359,7 +359,7 @@ class Runs(Calls):
         self.assertEqual(answer.stdout.split(), [f"{self.folder}/own_hand.urdf", f"{self.folder}/own_hand.xml"])
         self.assertIn('armature="0.25" damping="7.5"', (self.folder / "own_hand.xml").read_text())
         answer = self.answer("export", "fer", "--mjcf", "--rotor-hidden", "0.5", "--out", self.folder)
-        self.assertIn('armature="0.05"', (self.folder / "fer.xml").read_text())
+        self.assertIn('armature="0.302860728"', (self.folder / "fer.xml").read_text())
         self.assertIn('<robot name="own"', (self.folder / "own_hand.urdf").read_text())
 
     def test_hidden_plants_are_not_revealed(self):

@@ -195,7 +195,7 @@ TEST(RotorInertia, ControllersKnowTheLinksOnly) {
   links.update(ready(), joint_constant(7, 0.3));
   EXPECT_EQ(terms.M(), links.M());
   EXPECT_LT(none.model().least_inertia()[6], 0.02);
-  EXPECT_GT(terms.model().least_inertia()[6], 0.08);  // 0.8 x 0.1 of the rotor
+  EXPECT_GT(terms.model().least_inertia()[6], 0.16);  // 0.8 x 0.2 of the rotor
 }
 
 // Unless the scene says so: then their mass matrix contains what acts,

@@ -94,6 +94,13 @@ SimulatedArmConfig config_of(const std::string& model, std::uint32_t seed, const
   return simulated_arm_config(scene, 0, true);
 }
 
+// A gap that docs/like_a_real_arm.md states: only on Pandas an estimate has the errors of an own model.
+TEST(ArmSensors, OnlyPandasEstimateByAModelThatIsNotTheirPlants) {
+  EXPECT_NE(config_of("fer", 1).estimating_model, nullptr);
+  for (const char* robot : {"fr3", "fr3v2"})
+    EXPECT_EQ(config_of(robot, 1).estimating_model, nullptr) << robot;
+}
+
 TEST(ArmSensors, MotorsAreAheadOfTheirLinksAsOfARealArm) {
   const Data data("panda_state_give.csv");
   SKIP_WITHOUT(data);

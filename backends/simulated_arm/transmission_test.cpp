@@ -35,6 +35,18 @@ TEST(Transmission, ASpringIsTwistedByTheWeightThatItCarries) {
   }
 }
 
+// A gap that docs/like_a_real_arm.md states: between a real motor and its link a step of torque would swing.
+TEST(Transmission, SpringsDoNotSwing) {
+  ArmRig rig(config_with(
+      {.stiffness = joint_constant(7, 5e3), .ripple = {}, .ripple_cycles = {}, .ripple_phase = {}}));
+  rig.steps(300);
+  const JointVector step = joint_constant(7, 1);
+  for (int k = 0; k < 15; ++k) {  // then the bare wrist is too fast
+    rig.torque(step);
+    EXPECT_LT((rig.arm.state().tau_J - rig.body.g() - step).cwiseAbs().maxCoeff(), 0.05) << k;
+  }
+}
+
 // A turn of a joint crosses zero twice per cycle, the largest torque is the amplitude, and the work is zero.
 TEST(Transmission, RippleHasItsCyclesPerTurnAndDoesNoWork) {
   const JointVector amplitude = (JointVector(7) << 0.1, 0.2, 0.3, 0.15, 0.25, 0.05, 0.12).finished();

@@ -415,14 +415,18 @@ ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescrip
   JointVector found, more;
   const ActuationFit fit = fit_once(logs, prior, options, found);
   if (prior.motor_inertia.size() > 0 || found.isZero(0)) return fit;
-  // Again with the motor inertia, which delays the torque as a lower bandwidth does, and once more for what
-  // it masked.
+  // Again with the motor inertia, which delays the torque as a lower bandwidth does, until that masks none.
+  constexpr int kMostPasses = 6;
   RobotDescription with = prior;
-  with.motor_inertia = found;
-  (void)fit_once(logs, with, options, more);
-  with.motor_inertia = (with.motor_inertia + more).cwiseMax(0);
-  ActuationFit better = fit_once(logs, with, options, more);
-  better.motor_inertia = with.motor_inertia;
+  ActuationFit better;
+  more = JointVector::Zero(found.size());
+  for (int pass = 0; pass < kMostPasses; ++pass) {
+    found = (found + more).cwiseMax(0);
+    with.motor_inertia = found;
+    better = fit_once(logs, with, options, more);
+    if (more.isZero(0)) break;
+  }
+  better.motor_inertia = found;
   return better;
 }
 

@@ -45,8 +45,9 @@ struct ActuationFit {
 
 // Least squares over all logs: a grid over delay and bandwidth with everything else in closed form, then
 // Gauss-Newton. The intervals allow for residuals that are correlated over up to 0.1 s. Any thread; 10 s of
-// data take about a second. Throws LogRefused if there is no commanded torque, no gravity from the arm's own
-// model, no stretch of 0.2 s without a gap, or if the torque does not follow the commands.
+// data take about a second, with motors that act up to six. Throws LogRefused if there is no commanded
+// torque, no gravity from the arm's own model, no stretch of 0.2 s without a gap, or if the torque does not
+// follow the commands.
 ActuationFit fit_actuation(std::span<const MeasuredLog> logs, const RobotDescription& prior,
                            const ActuationOptions& options = {});
 

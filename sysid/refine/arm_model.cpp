@@ -66,6 +66,8 @@ RefinedArm identify_arm(const SceneArm& arm, const RobotDescription& prior, std:
   }
   RobotDescription robot = found.robot;
   apply(actuation, robot);
+  // The excitation shows every motor that acts; without a word, the prior's rotors would act in simulations.
+  if (robot.motor_inertia.size() == 0) robot.motor_inertia = joint_constant(robot.joint_count(), 0);
   write_robot(robot, prior, options.file);
 
   RefinedArm result{.arm = arm.name, .model = options.file, .found = {}, .warnings = found.warnings};

@@ -164,6 +164,8 @@ class Runner {
     options.backend = {.kind = BackendKind::virtual_arms, .real_sensors = false};
     std::optional<ArmProcess> process;
     const RefineTarget& target = settings_.target;
+    // Arms with ideal drives hide their rotors, and so does what is compared with them.
+    if (target.addresses.empty() && !target.motors) scene.plant.rotor_hidden = 1;
     if (run.on_target && target.hidden) {
       ArmProcess::Options process_options{.program = settings_.program,
                                           .scene = scratch / "scene.yaml",
@@ -181,7 +183,6 @@ class Runner {
       options.backend = {.kind = BackendKind::fci, .addresses = target.addresses};
       options.paced = true;
     } else if (run.on_target) {
-      scene.plant.rotor_hidden = 1;  // as its nominal simulation
       for (auto& arm : scene.arms) {
         if (const auto known = target.known.find(arm.name); known != target.known.end()) {
           arm.plant_model = known->second;

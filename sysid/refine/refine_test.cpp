@@ -10,6 +10,7 @@
 #include "models/write_robot.hpp"
 #include "scene/build.hpp"
 #include "scene/load.hpp"
+#include "sysid/identification/testing/simulated_log.hpp"
 
 namespace multipanda::refine_test {
 namespace {
@@ -64,6 +65,27 @@ TEST(Refine, ImprovesAKnownPlant) {
   EXPECT_NEAR(found["bandwidth_hz"].get<double>(), 40, 2);
   // The model is read back as written, and is the plant of a scene.
   EXPECT_NO_THROW(load_robot(result.rounds[0].arms[0].model.string()));
+}
+
+// Joint by joint the refined plant moves what the arm moves, links and motors: neither with the rotors of its
+// model where the arm's torque loop hides them, nor with rotors twice where they act. Simulations of it are
+// virtual arms, whose rotors act by default.
+TEST(Refine, MotorsThatActCountOnce) {
+  const fs::path file = folder("motors") / "a.yaml";
+  const RobotDescription prior = load_robot("fer");
+  for (const double hidden : {1.0, 0.5, 0.0}) {
+    Scene scene = test::scene_of({test::arm_named("a")}, PlantFidelity::realistic());
+    scene.arms[0].rotor_hidden = hidden;
+    const MeasuredLog log = test::record(scene, test::RichMotion(21), {.duration_s = 8, .dither_nm = 0.5});
+    (void)identify_arm(scene.arms[0], prior, std::span(&log, 1), {.family = "rigid", .file = file});
+    const JointVector truth = test::Loop(scene).backend.world().joint_inertia(0);
+    scene.arms[0].plant_model = file;
+    scene.arms[0].rotor_hidden = 0;
+    const JointVector refined = test::Loop(scene).backend.world().joint_inertia(0);
+    for (Eigen::Index j = 0; j < 7; ++j) {
+      EXPECT_NEAR(refined[j], truth[j], 0.06 * prior.rotor_inertia[j]) << "joint " << j + 1 << ", " << hidden;
+    }
+  }
 }
 
 // Two arms side by side turn away from each other, to the sides; a single one stays as it is.

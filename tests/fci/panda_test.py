@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Tests unmodified panda-py (libfranka 0.9, protocol 5) with virtual arms: panda_test.py PROGRAM [TEST...]"""
 
+import itertools
 import math
 import os
 import sys
@@ -78,6 +79,35 @@ class Library(Arms):
         with self.assertRaises(RuntimeError):
             robot.control(throwing)
         self.assertEqual(robot.read_once().robot_mode, libfranka.RobotMode.kIdle)
+
+    def test_an_abort_says_why_and_the_next_motion_runs(self):
+        robot = self.robot()
+
+        def run(at_50):
+            count = itertools.count()
+
+            def law(state, period):
+                n = next(count)
+                tau = libfranka.Torques([at_50() if n == 50 else 0.0] + [0.0] * 6)
+                tau.motion_finished = n == 300
+                return tau
+
+            robot.control(law, limit_rate=False, cutoff_frequency=1000.0)
+
+        def told(words):
+            self.arms.control(words)
+            return 0.0
+
+        for reason, way in {
+            "controller_torque_discontinuity": lambda: 5.0,
+            "cartesian_reflex": lambda: told("reflex panda cartesian_reflex"),
+            "User Stop pressed": lambda: told("user-stop panda on"),
+        }.items():
+            with self.assertRaisesRegex(RuntimeError, reason):
+                run(way)
+            self.arms.control("user-stop panda off")
+            self.robot()  # recovered
+            run(lambda: 0.0)
 
     def test_reading_with_a_callback(self):
         seen = []

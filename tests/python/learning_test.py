@@ -86,7 +86,8 @@ class Learning(unittest.TestCase):
         self.assertIn("actions: 90", said)
         self.assertIn("stopped: False", said)
         self.assertLess(abs(float(re.search(r"force: (-?[\d.]+) N", said).group(1)) - 10), force_n, said)
-        self.assertLess(float(re.search(r"hovering: ([\d.]+) mm", said).group(1)), 4, said)
+        # 1 to 3 mm, on a busy computer up to 7: actions last longer
+        self.assertLess(float(re.search(r"hovering: ([\d.]+) mm", said).group(1)), 10, said)
         self.assertEqual(sockets(), [])
 
     @unittest.skipUnless(FULL, "a long one: MULTIPANDA_FULL=1")
