@@ -109,7 +109,7 @@ void KeptLogs::put(std::span<const T> values) {
   buffer_.insert(buffer_.end(), bytes.data(), bytes.data() + bytes.size());
 }
 
-// Of each group a bit for each word, then those that differ from the record before: most do not.
+// A bit for each word of a group, then those that differ from the record before: most do not.
 void KeptLogs::put_changes(const CycleRecord& record) {
   std::uint64_t* word = words_.data();
   for_parts(record, [&word](auto values) {

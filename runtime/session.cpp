@@ -59,6 +59,17 @@ bool is_on_the_wall_clock(const SessionOptions& options) {
   return options.paced && !options.backend.lockstep;
 }
 
+// A stop, or a client that goes, is none.
+bool is_fault(const Event& event) {
+  if (event.kind == EventKind::arm_mode) {
+    const auto mode = static_cast<ArmMode>(event.index);
+    return mode == ArmMode::reflex || mode == ArmMode::user_stopped || mode == ArmMode::disconnected;
+  }
+  return event.kind == EventKind::switched && event.intervention != Intervention::none &&
+         event.intervention != Intervention::stop_requested &&
+         event.intervention != Intervention::reference_stale;
+}
+
 void sleep_us(int us) { std::this_thread::sleep_for(std::chrono::microseconds(us)); }
 
 }  // namespace
@@ -438,11 +449,7 @@ void Session::relay(const Event& event) {
   monitor_->take(event);
   if (kept_) {
     kept_->take(event);
-    // A stop, or a client that goes, is none.
-    if (event.kind == EventKind::switched && event.intervention != Intervention::none &&
-        event.intervention != Intervention::stop_requested &&
-        event.intervention != Intervention::reference_stale)
-      kept_->fault();
+    if (is_fault(event)) kept_->fault();
   }
   reflexes_->take(event);
   latest_.take(event);
