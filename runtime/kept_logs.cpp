@@ -13,11 +13,12 @@
 #include <fmt/ranges.h>
 
 #include "core/record/arm_config.hpp"
+#include "logs/record_messages.hpp"
 
 namespace multipanda {
 namespace {
 
-constexpr std::chrono::seconds kSegment{2};
+constexpr std::chrono::seconds kSegment{1};
 constexpr std::size_t kBuffer = 64u << 10;
 constexpr std::size_t kLargestSegment = 64u << 20;
 
@@ -68,6 +69,7 @@ KeptLogs::KeptLogs(Parts parts) : parts_(std::move(parts)), arms_(parts_.arms) {
   before_ = words_;
   segments_.push_back(std::make_shared<Segment>(now_, arms_));
   if (segments_.back()->file < 0) throw std::system_error(errno, std::generic_category(), "memfd_create");
+  writer_ = std::jthread([this](const std::stop_token& end) { write_logs(end); });
 }
 
 CycleRecord KeptLogs::empty_record() const {
@@ -160,7 +162,7 @@ std::vector<std::filesystem::path> KeptLogs::finish() {
   if (due_) {
     if (auto [log, answer] = keep(); log.empty()) parts_.report(answer.get().reason);
   }
-  writers_.clear();
+  writer_ = {};  // after the last job
   std::erase_if(logs_, [](const auto& log) {
     std::error_code ignored;
     return !std::filesystem::exists(log, ignored);
@@ -186,33 +188,34 @@ KeptLog KeptLogs::begin_log() {
   if (folder.empty()) return refuse("no folder for temporary files can be created");
   const auto log = folder / fmt::format("last_30_s_{}.mcap", logs_.size() + 1);
   begin_segment();  // those before it stay as they are
-  std::promise<RequestAnswer> promise;
-  auto answer = promise.get_future();
-  try {
-    writers_.emplace_back([this, log, promise = std::move(promise),
-                           segments = std::vector<std::shared_ptr<const Segment>>(
-                               segments_.begin(), segments_.end() - 1)]() mutable {
-      const std::lock_guard lock(writing_);
-      const RequestAnswer result = write(log, segments);
-      parts_.report(result.success ? fmt::format("the last 30 s: {}", log.string()) : result.reason);
-      segments.clear();
-      promise.set_value(result);
-    });
-  } catch (const std::system_error& error) {
-    return refuse(error.what());
-  }
+  auto& job = jobs_.emplace_back([this, log, segments = Segments(segments_.begin(), segments_.end() - 1)] {
+    RequestAnswer result = write(log, segments);
+    parts_.report(result.success ? fmt::format("the last 30 s: {}", log.string()) : result.reason);
+    return result;
+  });
+  changed_.notify_one();
   logs_.push_back(log);
-  return {log, std::move(answer)};
+  return {log, job.get_future()};
 }
 
-RequestAnswer KeptLogs::write(const std::filesystem::path& log,
-                              const std::vector<std::shared_ptr<const Segment>>& segments) const {
+void KeptLogs::write_logs(const std::stop_token& end) {
   (void)setpriority(PRIO_PROCESS, static_cast<id_t>(gettid()), 10);  // this thread's: others come first
+  std::unique_lock lock(mutex_);
+  while (changed_.wait(lock, end, [this] { return !jobs_.empty(); })) {
+    auto job = std::move(jobs_.front());
+    jobs_.pop_front();
+    lock.unlock();
+    job();
+    job = {};
+    lock.lock();
+  }
+}
+
+RequestAnswer KeptLogs::write(const std::filesystem::path& log, const Segments& segments) const {
   try {
     RecorderOptions options = parts_.options();
     options.writer.chunk_bytes = 1u << 20;  // less memory
-    RecordRing ring(parts_.layout, 256);
-    Recorder recorder(log, parts_.layout, ring, segments.front()->arms, std::move(options));
+    Recorder::Sink sink(log, parts_.layout, segments.front()->arms, std::move(options));
     CycleRecord record = empty_record();
     for (const auto& segment : segments) {
       std::vector<std::byte> bytes(segment->bytes);
@@ -240,17 +243,20 @@ RequestAnswer KeptLogs::write(const std::filesystem::path& log,
               std::memcpy(values.data(), word, values.size_bytes());
               word += values.size_bytes() / kWord;
             });
-            while (!ring.ring.push(record)) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+            sink.write(record);
             break;
           case Kind::event:
-            if (!ring.events.push(get_one(Event{}))) ++ring.dropped_events;
+            sink.write(get_one(Event{}));
             break;
           case Kind::mark:
-            recorder.mark(get_one(EpisodeMark{}));
+            sink.write(get_one(EpisodeMark{}));
         }
       }
     }
-    const RecorderStatus status = recorder.stop();
+    sink.writer().flush();
+    RecorderStatus status{.log = log, .cycles = sink.cycles(), .writer = sink.writer().status()};
+    sink.write_missing(status);
+    status.writer = sink.writer().close();
     if (status.writer.messages_written == 0) std::filesystem::remove(log);
     if (status.missing().empty() && status.writer.closed) return {.success = true, .reason = {}};
     return {.success = false,

@@ -1,14 +1,17 @@
 #pragma once
 
 #include <chrono>
+#include <condition_variable>
 #include <cstddef>
 #include <deque>
 #include <filesystem>
 #include <functional>
+#include <future>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <span>
+#include <stop_token>
 #include <string>
 #include <thread>
 #include <vector>
@@ -29,7 +32,7 @@ class KeptLogs {
   struct Parts {
     RecordLayout layout;
     std::vector<RecordedArm> arms;                   // at the start
-    std::function<RecorderOptions()> options;        // called on a writing thread
+    std::function<RecorderOptions()> options;        // called on the writing thread
     std::function<std::filesystem::path()> folder;   // called for a log, on any thread; empty: there is none
     std::function<void(const std::string&)> report;  // on any thread
   };
@@ -46,6 +49,7 @@ class KeptLogs {
 
  private:
   struct Segment;
+  using Segments = std::deque<std::shared_ptr<Segment>>;
   CycleRecord empty_record() const;
   template <class T>
   void put(std::span<const T> values);
@@ -53,8 +57,8 @@ class KeptLogs {
   void flush();
   void begin_segment();
   KeptLog begin_log();
-  RequestAnswer write(const std::filesystem::path& log,
-                      const std::vector<std::shared_ptr<const Segment>>& segments) const;
+  void write_logs(const std::stop_token& end);
+  RequestAnswer write(const std::filesystem::path& log, const Segments& segments) const;
 
   const Parts parts_;
   LoopTime now_;
@@ -63,12 +67,13 @@ class KeptLogs {
 
   std::mutex mutex_;               // of all that follows
   std::vector<RecordedArm> arms_;  // now
-  std::deque<std::shared_ptr<Segment>> segments_;
+  Segments segments_;
   std::vector<std::byte> buffer_;              // for the newest
   std::vector<std::uint64_t> words_, before_;  // of the newest record and the one before
   std::vector<std::filesystem::path> logs_;
-  std::mutex writing_;  // one at a time
-  std::vector<std::jthread> writers_;
+  std::deque<std::packaged_task<RequestAnswer()>> jobs_;
+  std::condition_variable_any changed_;
+  std::jthread writer_;  // here from the start, before memory is locked: it would have 8 MB of stack
 };
 
 }  // namespace multipanda
