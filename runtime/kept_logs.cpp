@@ -59,6 +59,7 @@ struct KeptLogs::Segment {
   const std::vector<RecordedArm> arms;  // as they were then
   const int file = memfd_create("multipanda-last", MFD_CLOEXEC);
   std::size_t bytes = 0;
+  bool full = false;
 };
 
 KeptLogs::KeptLogs(Parts parts) : parts_(std::move(parts)), arms_(parts_.arms) {
@@ -137,13 +138,13 @@ void KeptLogs::put_changes(const CycleRecord& record) {
   words_.swap(before_);
 }
 
-// What finds no place is lost, and the log names the gap.
+// What finds no place is lost with the rest of its segment, and the log names the gap.
 void KeptLogs::flush() {
   Segment& segment = *segments_.back();
-  if (segment.bytes + buffer_.size() <= kLargestSegment &&
-      pwrite(segment.file, buffer_.data(), buffer_.size(), static_cast<off_t>(segment.bytes)) ==
-          static_cast<ssize_t>(buffer_.size()))
-    segment.bytes += buffer_.size();
+  segment.full = segment.full || segment.bytes + buffer_.size() > kLargestSegment ||
+                 pwrite(segment.file, buffer_.data(), buffer_.size(), static_cast<off_t>(segment.bytes)) !=
+                     static_cast<ssize_t>(buffer_.size());
+  if (!segment.full) segment.bytes += buffer_.size();
   buffer_.clear();
 }
 

@@ -2,8 +2,11 @@
 #include "runtime/kept_logs.hpp"
 
 #include <bit>
+#include <csignal>
+#include <cstring>
 #include <fstream>
 #include <random>
+#include <sys/resource.h>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -210,6 +213,38 @@ TEST_F(KeptLogsTest, AreBoundedInNumber) {
   kept->fault();
   EXPECT_THAT(kept->finish(), SizeIs(KeptLogs::kMost));
   EXPECT_THAT(said_, ElementsAre(HasSubstr("has written 10 logs")));
+}
+
+// Records are kept as changes of those before.
+TEST_F(KeptLogsTest, WithoutMemoryHaveAGapAndWholeRecordsBesideIt) {
+  const auto kept = make(folder_.path(), "state=1");
+  std::vector<JointArray> q(1);  // by cycle
+  const auto run_with = [&](rlim_t largest_file, double until_s) {
+    rlimit limit{};
+    (void)getrlimit(RLIMIT_FSIZE, &limit);
+    limit.rlim_cur = largest_file;
+    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &limit), 0);
+    while (record_.t.seconds() < until_s) {
+      change(record_, random_);
+      q.push_back(record_.arms[0].q);
+      kept->take(record_);
+    }
+  };
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  run_with(RLIM_INFINITY, 1.5);
+  run_with(100'000, 1.8);
+  run_with(RLIM_INFINITY, 4);
+  std::signal(SIGXFSZ, handler);
+  McapReader reader(kept_now(*kept));
+  std::size_t found = 0;
+  while (const auto message = reader.next()) {
+    if (message->channel->topic != "/left/state") continue;
+    const auto state = from_cdr<msg::ArmState>(message->data);
+    ASSERT_EQ(std::memcmp(state.q.data(), q[state.cycle].data(), 7 * sizeof(double)), 0) << state.cycle;
+    ++found;
+  }
+  EXPECT_GE(found, 2000u);
+  EXPECT_LT(found, 4000u);
 }
 
 TEST_F(KeptLogsTest, AFullDiskOrAFolderThatTakesNoneIsAMessage) {
