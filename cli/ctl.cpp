@@ -148,6 +148,8 @@ void print_done(const json& answer) {
       fmt::print(stderr, "multipanda ctl: {}\n", answer["message"].get<std::string>());
   } else if (answer.contains("message")) {
     fmt::print("{}\n", answer["message"].get<std::string>());
+  } else if (answer.contains("log")) {
+    fmt::print("{}\n", answer["log"].get<std::string>());
   } else if (!answer.contains("times_ms")) {
     fmt::print("done\n");
   }
@@ -418,6 +420,7 @@ void add_ctl(Program& program) {
   list_command->add_flag("--all", o->all, "Show all controllets in detail");
   program.on(list_command, [o] { return list(*o); });
   ctl.plain("state", "Print the current state", {{"do", "state"}});
+  ctl.plain("keep", "Write the last 30 s as a log and print its path", {{"do", "keep"}});
   CLI::App* watch_command = ctl.add("watch", "Print the state repeatedly until Ctrl-C", "--rate 5");
   option(watch_command, "--rate", o->rate_hz, "States per second (default 2)", within(0.1, 1000.0));
   option(watch_command, "--count", o->count, "Number of states to print (default: no limit)");

@@ -24,7 +24,7 @@ struct RunOptions {
   std::vector<std::string> settings;
   std::optional<double> seconds;
   bool fast = false, json = false, report = false, no_timeline = false, until_input_ends = false;
-  bool reduced = false, full_speed = false;
+  bool reduced = false, full_speed = false, keep_nothing = false;
   std::string record;
   std::vector<std::string> log_every;
   std::optional<int> cpu;
@@ -98,6 +98,7 @@ int run(const RunOptions& options) {
   SessionOptions session_options{
       .paced = !options.fast, .backend = backend, .duration_s = options.seconds, .record = options.record};
   session_options.log_every = log_every;
+  session_options.keep_last = !options.keep_nothing;
   session_options.moving_bases = true;
   session_options.observer = [&seen](const CycleRecord& record) { seen.take(record); };
   session_options.thread.cpu = options.cpu;
@@ -185,6 +186,8 @@ void add_run(Program& program) {
          "How often the log has state, command, wrench, references, outputs, timing, model or all: "
          "every Nth cycle, 0: never (default 1, model 10). Events and switches are always complete",
          named("GROUP=N"), repeated);
+  command->add_flag("--keep-nothing", options->keep_nothing,
+                    "Do not keep the last 30 s in memory for faults and `multipanda ctl keep`");
   command->add_flag("--report", options->report, "Make the report afterwards (needs --record)");
   json_flag(command, options->json);
   option(command, "--cpu", options->cpu, "Core to which the loop's thread is pinned (default: none)",

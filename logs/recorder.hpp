@@ -73,8 +73,9 @@ class Recorder {
   // Writes what remains in the ring and closes the file. Call after the loop has ended, from one thread only.
   RecorderStatus stop();
 
+  class Sink;  // record_messages.hpp
+
  private:
-  class Sink;
   void run();
   bool drain();
   void write_marks(std::uint64_t before);

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <string>
@@ -95,6 +96,7 @@ class ReflexWatch {
   void take(const Event& event);  // handles changes of frames and loads
   // Reports on arms whose errors begin with this record.
   std::vector<ReflexReport> take(const CycleRecord& record);
+  std::filesystem::path folder();  // created if needed; empty: it cannot be. Any thread
 
  private:
   ReflexReport report(std::size_t arm, std::uint64_t errors);
@@ -103,6 +105,7 @@ class ReflexWatch {
 
   const RecordLayout layout_;
   std::vector<ArmErrorLimits> limits_;
+  std::mutex folder_mutex_;
   std::filesystem::path folder_;
   std::vector<ArmCycle> ring_;  // kCycles per arm
   std::size_t taken_ = 0;

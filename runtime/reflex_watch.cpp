@@ -23,7 +23,7 @@ std::filesystem::path temporary_folder() {
   std::error_code error;
   auto base = std::filesystem::temp_directory_path(error);
   if (error) base = "/tmp";
-  std::string pattern = (base / "multipanda_reflex_XXXXXX").string();
+  std::string pattern = (base / "multipanda_run_XXXXXX").string();
   return mkdtemp(pattern.data()) != nullptr ? std::filesystem::path(pattern) : std::filesystem::path();
 }
 
@@ -105,9 +105,14 @@ ReflexReport ReflexWatch::report(std::size_t arm, std::uint64_t errors) {
   return result;
 }
 
-void ReflexWatch::write(ReflexReport& report, std::size_t arm, const std::vector<ArmCycle>& cycles) {
+std::filesystem::path ReflexWatch::folder() {
+  const std::lock_guard lock(folder_mutex_);
   if (folder_.empty()) folder_ = temporary_folder();
-  if (folder_.empty()) {
+  return folder_;
+}
+
+void ReflexWatch::write(ReflexReport& report, std::size_t arm, const std::vector<ArmCycle>& cycles) {
+  if (folder().empty()) {
     report.file_problem = std::strerror(errno);
     return;
   }

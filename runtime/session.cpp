@@ -59,6 +59,17 @@ bool is_on_the_wall_clock(const SessionOptions& options) {
   return options.paced && !options.backend.lockstep;
 }
 
+// A stop, or a client that goes, is none.
+bool is_fault(const Event& event) {
+  if (event.kind == EventKind::arm_mode) {
+    const auto mode = static_cast<ArmMode>(event.index);
+    return mode == ArmMode::reflex || mode == ArmMode::user_stopped || mode == ArmMode::disconnected;
+  }
+  return event.kind == EventKind::switched && event.intervention != Intervention::none &&
+         event.intervention != Intervention::stop_requested &&
+         event.intervention != Intervention::reference_stale;
+}
+
 void sleep_us(int us) { std::this_thread::sleep_for(std::chrono::microseconds(us)); }
 
 }  // namespace
@@ -73,7 +84,11 @@ Session::Session(Scene scene, const Registry& registry, SessionOptions options)
   duration_s_ = options_.duration_s.value_or(scene_.duration_s);
   for (const auto& arm : scene_.arms) mounts_.push_back(arm.mount);
   build();
-  if (!options_.record.empty()) open_log();
+  if (!options_.record.empty()) {
+    open_log();
+  } else if (options_.paced && options_.keep_last) {
+    keep_last();
+  }
   if (!options_.socket.empty() || options_.share_records) open_live_input();
   if (options_.socket.empty() && options_.paced && !simulates(backend())) offer_stops();
   if (options_.make_adapter) {
@@ -169,10 +184,12 @@ void Session::open_live_input() {
                    .rotations = {},
                    .objects = poses_.get(),
                    .records = shared_.get(),
-                   .mark = [this](const EpisodeMark& mark) {
-                     const std::lock_guard lock(marks_mutex_);
-                     marks_.push_back(mark);
-                   }};
+                   .mark =
+                       [this](const EpisodeMark& mark) {
+                         const std::lock_guard lock(marks_mutex_);
+                         marks_.push_back(mark);
+                       },
+                   .keep = [this] { return keep(); }};
   for (const auto& object : scene_.objects)
     live_context_.rotations.emplace(object.name, object.X_WO.rotation);
   for (const auto& arm : scene_.arms) live_context_.flanges.push_back(flange_load(arm, robot_of(arm)));
@@ -200,34 +217,61 @@ void Session::open_log() {
   objects_ = std::make_unique<ObjectRing>(std::move(objects), every, cycles / every + 2);
 }
 
-void Session::start() {
-  if (log_ring_) {
-    std::vector<RecordedArm> arms;
-    for (std::size_t i = 0; i < models_.size(); ++i) {
-      const ArmConfig config = arm_config(scene_.arms[i]);
-      arms.push_back({.model = models_[i],
-                      .frames = config.frames,
-                      .tool = config.tool,
-                      .load = config.load,
-                      .mount = mounts_[i]});
-    }
-    RecorderOptions recorder_options;
-    recorder_options.every = options_.log_every;
-    recorder_options.info = describe_machine();
-    recorder_options.info["scene"] = scene_.name;
-    recorder_options.info["scene_path"] = scene_.path;
-    recorder_options.info["seed"] = std::to_string(scene_.seed);
-    recorder_options.info["plant"] = scene_.plant.name;
-    recorder_options.info["backend"] = backend_.description;
-    recorder_options.info["paced"] = options_.paced ? "true" : "false";
-    if (const std::string every = recorder_options.every.text(); !every.empty())
-      recorder_options.info["log_every"] = every;
-    recorder_options.attachments.push_back(
-        {.name = "scene.yaml", .media_type = "application/yaml", .data = scene_.text});
-    recorder_options.objects = objects_.get();
-    recorder_ = std::make_unique<Recorder>(log_, cycle_->layout(), *log_ring_, std::move(arms),
-                                           std::move(recorder_options));
+// Failure is not fatal.
+void Session::keep_last() {
+  try {
+    kept_ = std::make_unique<KeptLogs>(
+        KeptLogs::Parts{.layout = cycle_->layout(),
+                        .arms = recorded_arms(),
+                        .options = [this] { return recorder_options(); },
+                        .folder = [this] { return reflexes_->folder(); },
+                        .report = [this](const std::string& text) { monitor_->add_news(text); }});
+  } catch (const std::system_error& error) {
+    monitor_->add_news(std::string("the last 30 s are not kept: ") + error.what());
   }
+}
+
+KeptLog Session::keep() {
+  if (kept_) return kept_->keep();
+  if (!log_.empty()) return {log_, answer_now({.success = true, .reason = {}})};
+  return {std::filesystem::path(),
+          refuse_request("this run does not keep its last 30 s: it needs real time, and no --keep-nothing")};
+}
+
+std::vector<RecordedArm> Session::recorded_arms() const {
+  std::vector<RecordedArm> arms;
+  for (std::size_t i = 0; i < models_.size(); ++i) {
+    const ArmConfig config = arm_config(scene_.arms[i]);
+    arms.push_back({.model = models_[i],
+                    .frames = config.frames,
+                    .tool = config.tool,
+                    .load = config.load,
+                    .mount = mounts_[i]});
+  }
+  return arms;
+}
+
+RecorderOptions Session::recorder_options() const {
+  RecorderOptions options;
+  options.every = options_.log_every;
+  options.info = describe_machine();
+  options.info["scene"] = scene_.name;
+  options.info["scene_path"] = scene_.path;
+  options.info["seed"] = std::to_string(scene_.seed);
+  options.info["plant"] = scene_.plant.name;
+  options.info["backend"] = backend_.description;
+  options.info["paced"] = options_.paced ? "true" : "false";
+  if (const std::string every = options.every.text(); !every.empty()) options.info["log_every"] = every;
+  options.attachments.push_back(
+      {.name = "scene.yaml", .media_type = "application/yaml", .data = scene_.text});
+  options.objects = objects_.get();
+  return options;
+}
+
+void Session::start() {
+  if (log_ring_)
+    recorder_ =
+        std::make_unique<Recorder>(log_, cycle_->layout(), *log_ring_, recorded_arms(), recorder_options());
   std::vector<bool> simulated;
   for (ArmIndex arm = 0; arm < models_.size(); ++arm)
     simulated.push_back(backend().capabilities(arm).simulated);
@@ -397,11 +441,16 @@ void Session::relay_marks() {
     if (shared_)
       shared_->take(RunEvent{.cycle = mark.cycle, .t = mark.t, .kind = "episode", .arm = "", .text = text});
     if (recorder_) recorder_->mark(mark);
+    if (kept_) kept_->take(mark);
   }
 }
 
 void Session::relay(const Event& event) {
   monitor_->take(event);
+  if (kept_) {
+    kept_->take(event);
+    if (is_fault(event)) kept_->fault();
+  }
   reflexes_->take(event);
   latest_.take(event);
   if (shared_) {
@@ -416,15 +465,18 @@ void Session::relay(const Event& event) {
 
 void Session::relay(const CycleRecord& record) {
   monitor_->take(record);
+  if (kept_) kept_->take(record);
   const auto gap = record.start - last_record_;
   const bool next = last_cycle_ != 0 && record.cycle == last_cycle_ + 1;
   if (is_on_the_wall_clock(options_) && next && gap > GapWatch::kLongest) {
     monitor_->add_news(fmt::format(
         "the program stalled for {:.1f} s: all arms are stopped until they are resumed", seconds(gap)));
+    if (kept_) kept_->fault();
   }
   last_cycle_ = record.cycle;
   latest_.take(record);
   const auto reports = explain_errors(record);
+  if (kept_ && !reports.empty()) kept_->fault();
   if (shared_) {
     shared_->take(record, modes().stopped());
     std::map<std::string, std::string> reasons;
@@ -498,6 +550,11 @@ RunSummary Session::finish() {
   adapter_.reset();
   relay_marks();  // marks from after the last cycle
   if (recorder_) recorded_ = recorder_->stop();
+  if (kept_) {
+    if (failure_ || !problem_.empty()) kept_->fault();
+    kept_logs_ = kept_->finish();
+    monitor_->publish();
+  }
   if (failure_) std::rethrow_exception(failure_);
   return summary();
 }
@@ -544,6 +601,7 @@ RunSummary Session::summary() {
   summary.records_lost = recorder_ ? recorded_.cycles_lost : records_lost_;
   if (recorder_) summary.missing = recorded_.missing();
   summary.log = log_;
+  summary.kept = kept_logs_;
   if (!problem_.empty()) summary.problems.push_back(problem_);
   summary.thread = setup_;
   summary.reflexes = reflex_reports_;

@@ -16,6 +16,7 @@
 #include "logs/recorder.hpp"
 #include "runtime/backends.hpp"
 #include "runtime/error_report.hpp"
+#include "runtime/kept_logs.hpp"
 #include "runtime/live_input/latest_state.hpp"
 #include "runtime/live_input/server.hpp"
 #include "runtime/object_poses.hpp"
@@ -46,7 +47,8 @@ struct SessionOptions {
   // Called between two steps on the loop's thread, to read the world (objects of a simulation). It must
   // neither block nor throw.
   std::function<void(const Tick&, const Backend&)> on_loop;
-  LogEvery log_every;  // how often each kind of data is logged
+  LogEvery log_every;     // how often each kind of data is logged
+  bool keep_last = true;  // a paced run without a log keeps its last 30 s (KeptLogs)
   // Whether scenes with carried arms are run (docs/models.md). Programs that require fixed bases leave it
   // false; such scenes are then refused.
   bool moving_bases = false;
@@ -78,6 +80,7 @@ class Session {
   const std::vector<std::shared_ptr<const ArmModel>>& models() const { return models_; }
   MultimodeController& modes() { return cycle_->modes(); }               // requests while running
   const std::filesystem::path& directory() const { return directory_; }  // of this run; empty: no log
+  KeptLog keep();  // of the last 30 s, or the run's own; any thread
   // For further clients (the cockpit), on their own threads, until finish() is called. With share_records or
   // a socket.
   LiveInputContext live_input() { return live_context_; }
@@ -100,6 +103,9 @@ class Session {
  private:
   void build();
   void open_log();
+  void keep_last();
+  std::vector<RecordedArm> recorded_arms() const;
+  RecorderOptions recorder_options() const;
   void open_live_input();
   void offer_stops();
   void share_records();
@@ -147,6 +153,8 @@ class Session {
   std::optional<RunEvents> events_;  // events to share
   std::unique_ptr<ReflexWatch> reflexes_;
   std::vector<ReflexReport> reflex_reports_;
+  std::unique_ptr<KeptLogs> kept_;
+  std::vector<std::filesystem::path> kept_logs_;
   HostTime last_record_;            // start of the newest record's cycle
   std::uint64_t last_cycle_ = 0;    // of that record
   std::uint64_t records_lost_ = 0;  // dropped by the loop

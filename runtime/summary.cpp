@@ -173,6 +173,8 @@ std::string to_json(const RunSummary& summary) {
   json["records_lost"] = summary.records_lost;
   json["missing"] = summary.missing;
   json["log"] = path_or_null(summary.log);
+  json["kept"] = nlohmann::ordered_json::array();
+  for (const auto& log : summary.kept) json["kept"].push_back(log.string());
   json["report"] = path_or_null(summary.report);
   json["thread"] = nlohmann::ordered_json::array();
   for (const auto& step : summary.thread) {

@@ -80,6 +80,7 @@ struct RunSummary {
   std::uint64_t records_lost = 0;                 // cycles missing in the log
   std::vector<std::string> missing;               // one sentence each; empty: complete, or no log
   std::filesystem::path log;                      // empty: none
+  std::vector<std::filesystem::path> kept;        // logs of the last 30 s (KeptLogs)
   std::filesystem::path report;                   // empty: none
   std::vector<SetupStep> thread;
   std::vector<std::string> problems;  // other problems, one sentence each

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pathlib
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -64,6 +65,16 @@ class Client(BaseClient):
             Disconnected: The run has ended.
         """
         return Episode(self)
+
+    def keep(self) -> pathlib.Path:
+        """Writes the last 30 s as a log and returns its path, on the run's computer; of a recorded run its own.
+
+        Raises:
+            Refused: The run keeps none, or the log is not whole.
+            Timeout: The run did not answer.
+            Disconnected: The run has ended.
+        """
+        return pathlib.Path(self.ask({"do": "keep"}, 60)["log"])
 
     @property
     def clock(self) -> Clock:

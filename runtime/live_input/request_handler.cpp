@@ -23,7 +23,7 @@ constexpr double kGripperPatience = 600;                           // for the en
 constexpr double kFarthestSample = 10;                             // of a chunk, from now [s]
 
 const std::vector<std::string> kLoopRequests = {"switch", "feature", "parameter", "reference", "stop",
-                                                "resume", "list",    "state",     "episode"};
+                                                "resume", "list",    "state",     "episode",   "keep"};
 const std::vector<std::string> kConnectionRequests = {"subscribe",  "unsubscribe", "records", "stream",
                                                       "stream_end", "channels",    "lead"};
 
@@ -149,6 +149,16 @@ std::optional<json> RequestHandler::begin(const json& request, Pending& pending,
     return word == "list" ? list() : json{{"ok", true}, {"state", state()}};
   }
   if (word == "episode") return mark_episode(named);
+  if (word == "keep") {
+    constexpr double kSlowDisk = 60;  // [s]
+    named.allow(with_common({}));
+    if (!run_.keep) fields.refuse("this run keeps no records");
+    auto [log, answer] = run_.keep();
+    pending.done = {{"log", log.string()}};
+    pending.answer = std::move(answer);
+    pending.patience_s = kSlowDisk;
+    return {};
+  }
   fields.refuse("unknown request '" + word.substr(0, 60) + "'" +
                 name_hint(word, all_requests(), "there are none"));
 }
@@ -494,7 +504,8 @@ std::optional<json> RequestHandler::poll(Pending& pending) {
           if (pending.done.is_object()) answered.update(pending.done);
           return answered;
         }
-        return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", answer.reason}};
+        const char* verdict = pending.done.contains("log") ? "failed" : "arm_refused";
+        return json{{"ok", false}, {"verdict", verdict}, {"reason", answer.reason}};
       } catch (const std::future_error&) {
         return json{{"ok", false}, {"verdict", "arm_refused"}, {"reason", "the backend did not answer"}};
       }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <future>
 #include <limits>
@@ -11,6 +12,7 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -35,6 +37,9 @@ struct EpisodeCount {
   bool open = false;
 };
 
+// A log that is being written; empty: none is, and the answer says why. The answer comes when it is whole.
+using KeptLog = std::pair<std::filesystem::path, std::future<RequestAnswer>>;
+
 // The parts of a run that live input uses. They must outlive the server. Copies share the count of episodes
 // and what grippers follow.
 struct LiveInputContext {
@@ -49,6 +54,7 @@ struct LiveInputContext {
   const ObjectPoses* objects = nullptr;                 // of the simulated world; none: there are none
   const SharedRecords* records = nullptr;               // none: not on this computer
   std::function<void(const EpisodeMark&)> mark;         // into log and events
+  std::function<KeptLog()> keep;                        // writes what has just happened
   std::shared_ptr<EpisodeCount> episodes = std::make_shared<EpisodeCount>();
   std::shared_ptr<Followed> followed = std::make_shared<Followed>();
   bool stops_only = false;  // the program commands its arms by itself: clients may only read and stop

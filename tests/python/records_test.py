@@ -8,6 +8,7 @@ import mmap
 import os
 import pathlib
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -207,6 +208,18 @@ class Contents(unittest.TestCase):
         n = first.number
         expected = [(n, "start"), (n, "success"), (n + 1, "start"), (n + 1, "failure"), (n + 2, "start")]
         self.assertEqual(marks, [f"episode {k}: {mark}" for k, mark in [*expected, (n + 2, "discard")]])
+
+
+class Kept(unittest.TestCase):
+    def test_keep_writes_what_a_run_without_a_log_did_so_far(self):
+        with mp.run("one_arm") as run:
+            before = run.record().cycle
+            log = run.keep()
+            self.addCleanup(shutil.rmtree, log.parent)
+            cycles = mp.read_log(log)["arm/state/cycle"]
+            self.assertEqual(cycles[0], 1)
+            self.assertGreaterEqual(cycles[-1], before)
+            self.assertEqual(cycles[-1], len(cycles))
 
 
 class Logged(unittest.TestCase):
