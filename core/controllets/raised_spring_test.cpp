@@ -2,9 +2,14 @@
 // see comes back within its limits.
 #include "core/controllets/raised_spring.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 #include "core/controllets/builtins.hpp"
+#include "core/controllets/cooperative_frame.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/test_arm.hpp"
 
@@ -152,6 +157,47 @@ TEST(RaisedSpring, OfAFrameSharesTheSpeedOfAHandBesideIt) {
   }
 }
 
+// Between hands on a lever of 0.5 m, each of which moves with half of it: twice what the rule leaves of their
+// speed, 2 (0.25 - v - 0.5 w).
+TEST(RaisedSpring, BetweenHandsReturnsWithWhatTheFrameLeavesThem) {
+  Hand hand;
+  std::array<OwnedArm, 2> arms{OwnedArm{.terms = &hand.terms}, OwnedArm{.terms = &hand.terms}};
+  const ControlContext context{.dt = kDt, .arms = arms, .contact = {}};
+  CartesianTarget rule = hand.at(error_of({0, 0.3, 0.4}, {0, 0, 0}));
+  struct Case {
+    double slides, turns, expected, turning;
+  };
+  for (const Case& c : {Case{0, 0, 0.1, 0.5}, Case{0.2, 0, 0.04, (0.09 - 0.04) / 0.5},
+                        Case{0.1, 0.1, 0.08, (0.18 - 0.08) / 0.5}, Case{0.1, 0.4, 0, 0}}) {
+    rule.V_d.vector = error_of({0, c.slides, 0}, {c.turns, 0, 0});
+    RaisedSpring absolute, relative;
+    relative.put(error_of({0.3, 0, 0}, {0, 0, 1}));
+    for (int k = 0; k < 600; ++k)
+      EXPECT_EQ(come_back(absolute, relative, rule, context).V_d.vector, rule.V_d.vector);
+    EXPECT_LT((relative.velocity() - error_of({-c.expected, 0, 0}, {0, 0, -c.turning})).norm(), 2e-3)
+        << c.slides << " " << c.turns;
+  }
+}
+
+// Of a rule that slides, and turns faster and faster.
+TEST(RaisedSpring, WhatIsSeenMovesAsItsVelocityAndAccelerationSay) {
+  RaisedSpring raised;
+  raised.put(error_of({0.3, 0, 0}, {0.2, 0, 1}));
+  CartesianTarget before;
+  for (int k = 0; k < 400; ++k) {
+    const double t = kDt * k;
+    const Vector6 V = error_of({0.05, 0.1, 0}, {0.5 + 2 * t, 0, 0}), A = error_of({0, 0, 0}, {2, 0, 0});
+    const CartesianTarget rule{{exp_rotation(Vector3((0.5 + t) * t, 0, 0)), t * V.head<3>()}, Twist{V}, {A}};
+    raised.come_back(V, INFINITY, 0, kDt);
+    const CartesianTarget now = raised.seen(rule);
+    if (k > 0) {
+      EXPECT_LT((pose_error(now.X_W_d, before.X_W_d) / kDt - now.V_d.vector).norm(), 5e-3) << k;
+      EXPECT_LT(((now.V_d.vector - before.V_d.vector) / kDt - now.A_d.vector).norm(), 1) << k;
+    }
+    before = now;
+  }
+}
+
 // K' e' = K e along axes that turn with the set-point, of an error that is a vector; what it is ahead adds
 // up.
 TEST(RaisedSpring, OfAVectorKeepsTheForceOfEachRise) {
@@ -243,6 +289,28 @@ TEST(RaisedJoints, TheTorqueOfTheSpringsStays) {
   }
 }
 
+// From no stiffness, half a radian away: back with 0.5 rad/s, or 0.1 m/s of the hand, and within 0.9 of the
+// greatest speed of the hand together with a rule that moves the same joint.
+TEST(RaisedJoints, ComesBackWithinTheSpeedOfTheHand) {
+  Hand hand;
+  ArmState state{.q = bent(7), .dq = joint_constant(7, 0)};
+  OwnedArm arm{.state = &state, .terms = &hand.terms};
+  for (Eigen::Index i = 0; i < 7; ++i) {
+    const double reach = hand.terms.J_V_WE().col(i).head<3>().norm();
+    for (const double ruled : {0.0, 0.2, 0.3}) {  // of the hand [m/s]
+      const JointVector along = JointVector::Unit(7, i);
+      const JointTarget rule{state.q + 0.5 * along, ruled / reach * along, joint_constant(7, 0)};
+      RaisedJoints raised;
+      raised.follow(joint_constant(7, 0), rule, {}, arm, kDt);
+      JointVector back(7);
+      for (int k = 0; k < 500; ++k)
+        back = raised.follow(joint_constant(7, 1), rule, {}, arm, kDt).dq_d - rule.dq_d;
+      const double expected = std::min({0.5, 0.1 / reach, std::max(0.0, 0.225 - ruled) / reach});
+      EXPECT_LT((back - expected * along).norm(), 2e-3) << i << " " << ruled;
+    }
+  }
+}
+
 // Every law with a spring, its hands held off its set-point, all stiffnesses doubled: no torque
 // changes, and in the end it is that of a law that began with them.
 TEST(RaisedLaws, ARiseChangesNoTorqueAndEndsAsIfThereHadBeenNone) {
@@ -306,6 +374,14 @@ TEST(RaisedLaws, AHoldBearsTheSameAfterEachRise) {
   ASSERT_EQ(rig.tick(kDt), LawResult::ok);
   const JointVector bears = rig.tau(0);
   EXPECT_GT(bears.norm(), 0.5);
+  ControlletRig mixed(hold_controllet(), {TestArm::make().model()});  // one falls while the others rise
+  mixed.set("stiffness_nm_per_rad", {20, 40, 20, 20, 20, 20, 20});
+  ASSERT_EQ(mixed.start(), LawResult::ok);
+  mixed.place(0, rig.state(0).q, joint_constant(7, 0));
+  ASSERT_EQ(mixed.tick(kDt), LawResult::ok);
+  mixed.set("stiffness_nm_per_rad", {40, 20, 40, 40, 40, 40, 40});
+  ASSERT_EQ(mixed.update(), LawResult::ok);
+  EXPECT_LT((mixed.tau(0) - bears).norm(), 1e-6);
   for (int k = 0; k < 5; ++k) {
     for (const double stiffness : {25.0, 40.0, 20.0}) {
       rig.set("stiffness_nm_per_rad", {stiffness});
