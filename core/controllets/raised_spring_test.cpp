@@ -51,9 +51,9 @@ TEST(RaisedSpring, WithoutARiseTheRuleIsSeenBitForBit) {
   for (int k = 0; k < 20; ++k) {
     CartesianTarget rule = hand.at(error_of(draw.vector3(0.3), draw.vector3(0.5)));
     rule.V_d.vector = error_of(draw.vector3(0.2), draw.vector3(0.5));
-    const double share = 1 - 0.05 * k;  // they fall, but one, whose force is as before
+    const double share = 1 - 0.05 * k;  // they fall
     const CartesianTarget seen =
-        raised.follow(gains({300, share * 200, share * 100}, share * 20), rule, hand.terms, kDt);
+        raised.follow(gains(share * Vector3(300, 200, 100), share * 20), rule, hand.terms, kDt);
     EXPECT_EQ(seen.X_W_d.position, rule.X_W_d.position);
     EXPECT_EQ(seen.X_W_d.rotation, rule.X_W_d.rotation);
     EXPECT_EQ(seen.V_d.vector, rule.V_d.vector);
@@ -81,6 +81,25 @@ TEST(RaisedSpring, TheForceOfTheSpringStays) {
     const Vector3 r = hand.error(rule).tail<3>(), r_seen = hand.error(seen).tail<3>();
     EXPECT_LT((12 * r_seen - (trial % 4 == 0 ? 0 : 4) * r).norm(), 1e-9);
     EXPECT_EQ(seen.V_d.vector, rule.V_d.vector);
+  }
+}
+
+// Beyond what the arm bears, more before or more after: the stiffnesses that act count, min(K, K') e = K' e'.
+TEST(RaisedSpring, TheForceOfASoftenedSpringStays) {
+  for (const auto& [k, k_next] : {std::pair{100.0, 20e3}, std::pair{20e3, 100.0}}) {
+    Hand hand;
+    const CartesianTarget rule = hand.at(error_of({0.05, -0.1, 0.1}, {0.2, 0.1, -0.1}));
+    ImpedanceGains was = gains(Vector3::Constant(k), 300), is = gains(Vector3::Constant(k_next), 300);
+    RaisedSpring raised;
+    raised.follow(was, rule, hand.terms, kDt);
+    const Vector6 e = hand.error(rule), e_seen = hand.error(raised.follow(is, rule, hand.terms, kDt));
+    EXPECT_LT(was.soften(rule.X_W_d.rotation, hand.terms), 1);
+    EXPECT_LT(is.soften(rule.X_W_d.rotation, hand.terms), 1);
+    Vector6 K_was, K_is;
+    K_was << was.translational_stiffness, was.rotational_stiffness;
+    K_is << is.translational_stiffness, is.rotational_stiffness;
+    EXPECT_LT((K_is.cwiseProduct(e_seen) - K_was.cwiseMin(K_is).cwiseProduct(e)).norm(), 1e-9) << k;
+    EXPECT_LT(e_seen.tail<3>().norm(), k < 1e3 ? 1 : 0.9 * e.tail<3>().norm()) << "it rises";
   }
 }
 
