@@ -2,8 +2,14 @@
 // see comes back within its limits.
 #include "core/controllets/raised_spring.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+
 #include <gtest/gtest.h>
 
+#include "core/controllets/builtins.hpp"
+#include "core/controllets/cooperative_frame.hpp"
 #include "core/testing/controllet_rig.hpp"
 #include "core/testing/test_arm.hpp"
 
@@ -78,6 +84,25 @@ TEST(RaisedSpring, TheForceOfTheSpringStays) {
   }
 }
 
+// Beyond what the arm bears, more before or more after: the stiffnesses that act count, min(K, K') e = K' e'.
+TEST(RaisedSpring, TheForceOfASoftenedSpringStays) {
+  for (const auto& [k, k_next] : {std::pair{100.0, 20e3}, std::pair{20e3, 100.0}}) {
+    Hand hand;
+    const CartesianTarget rule = hand.at(error_of({0.05, -0.1, 0.1}, {0.2, 0.1, -0.1}));
+    ImpedanceGains was = gains(Vector3::Constant(k), 300), is = gains(Vector3::Constant(k_next), 300);
+    RaisedSpring raised;
+    raised.follow(was, rule, hand.terms, kDt);
+    const Vector6 e = hand.error(rule), e_seen = hand.error(raised.follow(is, rule, hand.terms, kDt));
+    EXPECT_LT(was.soften(rule.X_W_d.rotation, hand.terms), 1);
+    EXPECT_LT(is.soften(rule.X_W_d.rotation, hand.terms), 1);
+    Vector6 K_was, K_is;
+    K_was << was.translational_stiffness, was.rotational_stiffness;
+    K_is << is.translational_stiffness, is.rotational_stiffness;
+    EXPECT_LT((K_is.cwiseProduct(e_seen) - K_was.cwiseMin(K_is).cwiseProduct(e)).norm(), 1e-9) << k;
+    EXPECT_LT(e_seen.tail<3>().norm(), k < 1e3 ? 1 : 0.9 * e.tail<3>().norm()) << "it rises";
+  }
+}
+
 // From nothing, 0.3 m and 1 rad away: back within 0.1 m/s, 0.5 rad/s, with continuous velocity, to the rule.
 TEST(RaisedSpring, ComesBackWithinItsLimits) {
   Hand hand;
@@ -124,6 +149,94 @@ TEST(RaisedSpring, SharesTheSpeedOfTheHand) {
   }
 }
 
+// A hand on a lever about the frame, [m]: what the rule moves it by, its return and its turn keep to 0.9 of
+// its greatest speed together, in this order. Expected numbers by hand.
+TEST(RaisedSpring, OfAFrameSharesTheSpeedOfAHandBesideIt) {
+  struct Case {
+    double slides, turns, hand_speed, lever, expected, turning;  // the rule [m/s], [rad/s]
+  };
+  for (const Case& c : {Case{0, 0, 0.25, 0.5, 0.1, (0.225 - 0.1) / 0.5},  //
+                        Case{0, 0.3, 0.25, 0.5, 0.075, 0},                //
+                        Case{0.1, 0, 0.25, 0.2, 0.1, (0.225 - 0.1 * M_SQRT2) / 0.2},
+                        Case{0.1, 0.2, 0.25, 0.2, 0.1, (0.185 - 0.1 * M_SQRT2) / 0.2},
+                        Case{0, 0.5, 0.25, 0.5, 0, 0}, Case{0, 0, 0.1, 0, 0.04, 0.2},
+                        Case{0, 0, 0.1, 0.1, 0.04, 0.2}, Case{5, 5, INFINITY, 0.5, 0.1, 0.5}}) {
+    RaisedSpring raised;
+    raised.put(error_of({0.3, 0, 0}, {0, 0, 1}));
+    for (int k = 0; k < 600; ++k)
+      raised.come_back(error_of({0, c.slides, 0}, {c.turns, 0, 0}), c.hand_speed, c.lever, kDt);
+    EXPECT_LT((raised.velocity() - error_of({-c.expected, 0, 0}, {0, 0, -c.turning})).norm(), 2e-3)
+        << c.slides << " " << c.turns << " " << c.lever;
+    const Vector6 there = raised.offset();
+    raised.come_back(Vector6::Zero(), c.hand_speed, c.lever, kDt);
+    EXPECT_LT((raised.offset() - there - kDt * raised.velocity()).norm(), 1e-12);
+    const Vector6 elsewhere = error_of({0.1, 0.2, 0.3}, {0.3, 0.2, 0.1});
+    raised.put(elsewhere);
+    EXPECT_LT((raised.offset() - elsewhere).norm(), 1e-15);
+  }
+}
+
+// Between hands on a lever of 0.5 m, each of which moves with half of it: twice what the rule leaves of their
+// speed, 2 (0.25 - v - 0.5 w).
+TEST(RaisedSpring, BetweenHandsReturnsWithWhatTheFrameLeavesThem) {
+  Hand hand;
+  std::array<OwnedArm, 2> arms{OwnedArm{.terms = &hand.terms}, OwnedArm{.terms = &hand.terms}};
+  const ControlContext context{.dt = kDt, .arms = arms, .contact = {}};
+  CartesianTarget rule = hand.at(error_of({0, 0.3, 0.4}, {0, 0, 0}));
+  struct Case {
+    double slides, turns, expected, turning;
+  };
+  for (const Case& c : {Case{0, 0, 0.1, 0.5}, Case{0.2, 0, 0.04, (0.09 - 0.04) / 0.5},
+                        Case{0.1, 0.1, 0.08, (0.18 - 0.08) / 0.5}, Case{0.1, 0.4, 0, 0}}) {
+    rule.V_d.vector = error_of({0, c.slides, 0}, {c.turns, 0, 0});
+    RaisedSpring absolute, relative;
+    relative.put(error_of({0.3, 0, 0}, {0, 0, 1}));
+    for (int k = 0; k < 600; ++k)
+      EXPECT_EQ(come_back(absolute, relative, rule, context).V_d.vector, rule.V_d.vector);
+    EXPECT_LT((relative.velocity() - error_of({-c.expected, 0, 0}, {0, 0, -c.turning})).norm(), 2e-3)
+        << c.slides << " " << c.turns;
+  }
+}
+
+// Of a rule that slides, and turns faster and faster.
+TEST(RaisedSpring, WhatIsSeenMovesAsItsVelocityAndAccelerationSay) {
+  RaisedSpring raised;
+  raised.put(error_of({0.3, 0, 0}, {0.2, 0, 1}));
+  CartesianTarget before;
+  for (int k = 0; k < 400; ++k) {
+    const double t = kDt * k;
+    const Vector6 V = error_of({0.05, 0.1, 0}, {0.5 + 2 * t, 0, 0}), A = error_of({0, 0, 0}, {2, 0, 0});
+    const CartesianTarget rule{{exp_rotation(Vector3((0.5 + t) * t, 0, 0)), t * V.head<3>()}, Twist{V}, {A}};
+    raised.come_back(V, INFINITY, 0, kDt);
+    const CartesianTarget now = raised.seen(rule);
+    if (k > 0) {
+      EXPECT_LT((pose_error(now.X_W_d, before.X_W_d) / kDt - now.V_d.vector).norm(), 5e-3) << k;
+      EXPECT_LT(((now.V_d.vector - before.V_d.vector) / kDt - now.A_d.vector).norm(), 1) << k;
+    }
+    before = now;
+  }
+}
+
+// K' e' = K e along axes that turn with the set-point, of an error that is a vector; what it is ahead adds
+// up.
+TEST(RaisedSpring, OfAVectorKeepsTheForceOfEachRise) {
+  Draw draw(5);
+  const Matrix3 R = draw.rotation();
+  const auto in_axes = [&](const Vector6& e) {
+    return error_of(R.transpose() * e.head<3>(), R.transpose() * e.tail<3>());
+  };
+  const auto of = [](const Vector3& k, double rotation) {
+    return gains(k, rotation, StiffnessAxes::end_effector);
+  };
+  const Vector6 error = error_of(draw.vector3(0.2), draw.vector3(0.5)), e = in_axes(error);
+  RaisedSpring raised;
+  const Vector6 once = raised.raise(of({0, 100, 300}, 5), of({50, 200, 100}, 20), R, error);
+  EXPECT_LT((in_axes(once) - error_of({0, e[1] / 2, e[2]}, e.tail<3>() / 4)).norm(), 1e-12);
+  const Vector6 twice = raised.raise(of({50, 200, 100}, 20), of({100, 250, 300}, 20), R, once);
+  EXPECT_LT((in_axes(twice) - error_of({0, e[1] / 2.5, e[2] / 3}, e.tail<3>() / 4)).norm(), 1e-12);
+  EXPECT_LT((raised.offset() - (twice - error)).norm(), 1e-12);
+}
+
 TEST(RaisedSpring, WaitsForAHandThatCannotFollow) {
   Hand hand;
   RaisedSpring raised;
@@ -153,8 +266,10 @@ TEST(RaisedSpring, ARedefinedEndEffectorCarriesWhatIsSeen) {
   hand.terms.set_config({X, {}}, {}, {});
   hand.terms.update(bent(7), joint_constant(7, 0));
   const CartesianTarget carried{rule.X_W_d * X, {}, {}};
-  const Pose seen = raised.follow(gains(Vector3::Constant(200), 10), carried, hand.terms, 1e-9).X_W_d;
-  EXPECT_LT(pose_error(seen, before * X).norm(), 1e-6);
+  for (int k = 0; k < 3; ++k) {  // once
+    const Pose seen = raised.follow(gains(Vector3::Constant(200), 10), carried, hand.terms, 1e-9).X_W_d;
+    EXPECT_LT(pose_error(seen, before * X).norm(), 1e-6);
+  }
 }
 
 // Some joints' stiffnesses rise, others fall, beyond what the arm bears: the torque is that of the law whose
@@ -190,6 +305,109 @@ TEST(RaisedJoints, TheTorqueOfTheSpringsStays) {
     for (int k = 0; k < 8000; ++k) law(now, raised);
     RaisedJoints other;
     EXPECT_EQ(law(now, raised), law(now, other)) << trial;
+  }
+}
+
+// From no stiffness, half a radian away: back with 0.5 rad/s, or 0.1 m/s of the hand, and within 0.9 of the
+// greatest speed of the hand together with a rule that moves the same joint.
+TEST(RaisedJoints, ComesBackWithinTheSpeedOfTheHand) {
+  Hand hand;
+  ArmState state{.q = bent(7), .dq = joint_constant(7, 0)};
+  OwnedArm arm{.state = &state, .terms = &hand.terms};
+  for (Eigen::Index i = 0; i < 7; ++i) {
+    const double reach = hand.terms.J_V_WE().col(i).head<3>().norm();
+    for (const double ruled : {0.0, 0.2, 0.3}) {  // of the hand [m/s]
+      const JointVector along = JointVector::Unit(7, i);
+      const JointTarget rule{state.q + 0.5 * along, ruled / reach * along, joint_constant(7, 0)};
+      RaisedJoints raised;
+      raised.follow(joint_constant(7, 0), rule, {}, arm, kDt);
+      JointVector back(7);
+      for (int k = 0; k < 500; ++k)
+        back = raised.follow(joint_constant(7, 1), rule, {}, arm, kDt).dq_d - rule.dq_d;
+      const double expected = std::min({0.5, 0.1 / reach, std::max(0.0, 0.225 - ruled) / reach});
+      EXPECT_LT((back - expected * along).norm(), 2e-3) << i << " " << ruled;
+    }
+  }
+}
+
+// Every law with a spring, its hands held off its set-point, all stiffnesses doubled: no torque
+// changes, and in the end it is that of a law that began with them.
+TEST(RaisedLaws, ARiseChangesNoTorqueAndEndsAsIfThereHadBeenNone) {
+  for (const ControlletType& type :
+       {hold_controllet(), joint_impedance_controllet(), cartesian_impedance_controllet(),
+        dual_cartesian_impedance_controllet(), coupled_dual_cartesian_impedance_controllet(),
+        pose_follower_controllet(), force_controllet(), hybrid_force_controllet(), ufic_controllet(),
+        coupled_ufic_controllet()}) {
+    SCOPED_TRACE(type.descriptor.type);
+    const std::size_t arms = type.descriptor.arms + type.descriptor.observes;
+    const auto run = [&](bool rises) {
+      ArmModelSource source = TestArm::make().source();
+      source.motor_inertia = joint_constant(7, 1);  // bears all gains as they are
+      Models models{std::make_shared<const ArmModel>(source)};
+      source.X_WB.position.y() = 1;
+      if (arms == 2) models.push_back(std::make_shared<const ArmModel>(std::move(source)));
+      ControlletRig rig(type, models);
+      const auto stiffness = [&](double share) {
+        for (std::size_t i = 0; i < rig.parameters().size(); ++i) {
+          const ParameterSpec& spec = rig.parameters().spec(i);
+          if (spec.name.find("stiffness_n") != spec.name.npos &&
+              spec.name.find("nullspace") == spec.name.npos)
+            rig.set(spec.name, {share * std::max(spec.min, 0.01 * spec.max)});
+        }
+      };
+      stiffness(rises ? 1 : 2);
+      for (std::size_t i = 0; i < arms; ++i) {
+        rig.state(i).has_wrench_estimate = true;
+        rig.state(i).tau_J_d = joint_constant(7, 0);
+      }
+      EXPECT_EQ(rig.start(), LawResult::ok);
+      Draw draw(6);
+      for (std::size_t i = 0; i < type.descriptor.arms; ++i)
+        rig.place(i, bent(7) + draw.joints(7, 0.05), joint_constant(7, 0));
+      EXPECT_EQ(rig.tick(kDt), LawResult::ok);
+      std::vector<JointVector> before;
+      for (std::size_t i = 0; i < type.descriptor.arms; ++i) before.push_back(rig.tau(i));
+      stiffness(2);
+      EXPECT_EQ(rig.update(), LawResult::ok);
+      for (std::size_t i = 0; i < type.descriptor.arms; ++i) {
+        EXPECT_GT(before[i].norm(), 0.1);
+        EXPECT_LT((rig.tau(i) - before[i]).norm(), 1e-6 * before[i].norm()) << i;
+      }
+      for (int k = 0; k < 3000; ++k) EXPECT_EQ(rig.tick(kDt), LawResult::ok);
+      std::vector<JointVector> after;
+      for (std::size_t i = 0; i < type.descriptor.arms; ++i) after.push_back(rig.tau(i));
+      return after;
+    };
+    const auto raised = run(true), never = run(false);
+    for (std::size_t i = 0; i < never.size(); ++i)
+      EXPECT_LT((raised[i] - never[i]).norm(), 1e-6 * never[i].norm()) << i;
+  }
+}
+
+// The hold of a load that nobody declared: stiffnesses that go up and down let it sink no farther.
+TEST(RaisedLaws, AHoldBearsTheSameAfterEachRise) {
+  ControlletRig rig(hold_controllet(), {TestArm::make().model()});
+  rig.set("stiffness_nm_per_rad", {20});
+  ASSERT_EQ(rig.start(), LawResult::ok);
+  rig.place(0, bent(7) + joint_constant(7, 0.05), joint_constant(7, 0));
+  ASSERT_EQ(rig.tick(kDt), LawResult::ok);
+  const JointVector bears = rig.tau(0);
+  EXPECT_GT(bears.norm(), 0.5);
+  ControlletRig mixed(hold_controllet(), {TestArm::make().model()});  // one falls while the others rise
+  mixed.set("stiffness_nm_per_rad", {20, 40, 20, 20, 20, 20, 20});
+  ASSERT_EQ(mixed.start(), LawResult::ok);
+  mixed.place(0, rig.state(0).q, joint_constant(7, 0));
+  ASSERT_EQ(mixed.tick(kDt), LawResult::ok);
+  mixed.set("stiffness_nm_per_rad", {40, 20, 40, 40, 40, 40, 40});
+  ASSERT_EQ(mixed.update(), LawResult::ok);
+  EXPECT_LT((mixed.tau(0) - bears).norm(), 1e-6);
+  for (int k = 0; k < 5; ++k) {
+    for (const double stiffness : {25.0, 40.0, 20.0}) {
+      rig.set("stiffness_nm_per_rad", {stiffness});
+      ASSERT_EQ(rig.update(), LawResult::ok);
+      const double share = stiffness < 40 && (k > 0 || stiffness < 25) ? stiffness / 40 : 1;
+      EXPECT_LT((rig.tau(0) - share * bears).norm(), 1e-6) << k << " " << stiffness;
+    }
   }
 }
 

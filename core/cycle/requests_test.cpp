@@ -47,6 +47,16 @@ TEST(GripperRequests, OfAVacuumHaveBounds) {
   }
 }
 
+TEST(GripperRequests, OfAFollowedWidthHaveTheBoundsOfAGraspAndASilence) {
+  EXPECT_EQ(check(GripperFollow{}), "") << "stays where it is";
+  for (const double silence : {1e-9, 0.2, 1.0}) EXPECT_EQ(check(GripperFollow{.silence = silence}), "");
+  for (const double silence : {0.0, -0.1, 1.001, std::nan("")})
+    EXPECT_EQ(check(GripperFollow{.silence = silence}), "the silence must be above 0 and at most 1 s");
+  EXPECT_EQ(check(GripperFollow{.width = 1.1}), "the width must be 0 to 1 m");
+  EXPECT_EQ(check(GripperFollow{.speed = 0}), "the speed must be above 0 and at most 10 m/s");
+  EXPECT_EQ(check(GripperFollow{.force = 0}), "the force must be above 0 and at most 1000 N");
+}
+
 TEST(RequestTimes, TheLatestStartIsInTime) {
   const HostTime now = host_now();
   EXPECT_FALSE(is_past(nullptr, now));
@@ -101,6 +111,7 @@ TEST(RequestFields, AreThoseThatProgramsUse) {
   EXPECT_EQ(declared<GripperMove>(), (Keys{"width_m0", "speed_m_per_s?+"}));
   EXPECT_EQ(declared<GripperGrasp>(), (Keys{"width_m0", "speed_m_per_s?+", "force_n?+", "tolerance_m?0",
                                             "tolerance_inner_m?0", "tolerance_outer_m?0"}));
+  EXPECT_EQ(declared<GripperFollow>(), (Keys{"width_m?0", "speed_m_per_s?+", "force_n?+", "silence_s?+"}));
   EXPECT_EQ(declared<VacuumOn>(), (Keys{"vacuum_mbar?+", "timeout_s?+"}));
   EXPECT_EQ(declared<VacuumDrop>(), Keys{"timeout_s?+"});
   EXPECT_EQ(declared<PlaceObject>(), (Keys{"object", "a pose"}));

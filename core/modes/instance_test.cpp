@@ -329,6 +329,33 @@ TEST(InstanceTicks, AreBounded) {
   }
 }
 
+// A feature that can no longer act while it fades out has ended.
+class Tired final : public Feature {
+ public:
+  inline static int updates = 0;
+  inline static bool works = true;
+  LawResult start(ControlContext&) override { return LawResult::ok; }
+  LawResult update(ControlContext&) override { return ++updates, works ? LawResult::ok : LawResult::fault; }
+};
+
+TEST(InstanceFeatures, OneThatFaultsWhileItFadesOutHasEnded) {
+  Registry registry = test::test_registry();
+  registry.add(feature_of<Tired>("tired"));
+  InstanceConfig config = spring();
+  config.features = {"tired"};
+  TestLoop loop(1, {config}, registry);
+  loop.modes().activate_at_start(loop.set({"law"}));
+  loop.steps(300);
+  Request off{.kind = Request::Kind::set_feature, .instance = loop.find("law")};
+  off.index = static_cast<std::uint16_t>(loop.modes().instance(off.instance).find_feature("tired"));
+  Tired::works = false;
+  Tired::updates = 0;
+  ASSERT_TRUE(loop.ask(off).accepted());
+  loop.steps(5);
+  EXPECT_EQ(Tired::updates, 1);
+  EXPECT_EQ(loop.modes().owner(0), loop.find("law"));
+}
+
 // After the last step of a fade, which may be a part of one.
 TEST(InstanceFeatures, NeverActWithMoreThanTheirTorque) {
   InstanceConfig config = spring();
