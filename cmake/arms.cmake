@@ -1,5 +1,5 @@
 # The libraries of a program for arms alone: Pinocchio's and Boost's headers, urdfdom (wheels of .venv, or of the other
-# processor beside its sysroot), and inside the program yaml-cpp and Zstandard.
+# processor beside its sysroot).
 set(MULTIPANDA_MUJOCO "none")
 set(headers "${MULTIPANDA_SITE_PACKAGES}/cmeel.prefix/include")
 foreach(target pinocchio::pinocchio_headers Boost::headers)
@@ -17,12 +17,6 @@ foreach(library urdfdom_model tinyxml2 console_bridge)
                         INTERFACE_INCLUDE_DIRECTORIES "${headers}/urdfdom;${headers}/urdfdom_headers;${headers}")
 endforeach()
 target_link_libraries(urdfdom::urdfdom_model INTERFACE urdfdom::tinyxml2 urdfdom::console_bridge)
-foreach(library yaml-cpp zstd)
-  find_library(archive lib${library}.a REQUIRED NO_CACHE)
-  string(REPLACE "-cpp" "" target multipanda_${library})
-  set_target_properties(${target} PROPERTIES INTERFACE_LINK_LIBRARIES "${archive}")
-  unset(archive)
-endforeach()
 # What no command of the program reaches is left out.
 add_compile_options(-ffunction-sections -fdata-sections)
 add_link_options(-Wl,--gc-sections -Wl,-s)

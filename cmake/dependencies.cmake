@@ -37,6 +37,9 @@ else()
   target_link_libraries(multipanda_yaml INTERFACE yaml-cpp)
 endif()
 
+add_library(mujoco::headers INTERFACE IMPORTED)
+target_include_directories(mujoco::headers INTERFACE "${MULTIPANDA_SITE_PACKAGES}/mujoco/include")
+
 if(NOT MULTIPANDA_SIMULATOR)
   include(${CMAKE_CURRENT_LIST_DIR}/arms.cmake)
   return()
@@ -59,7 +62,5 @@ string(REGEX MATCH "[0-9.]+$" MULTIPANDA_MUJOCO "${MUJOCO_LIBRARY}")
 add_library(mujoco::mujoco SHARED IMPORTED)
 set_target_properties(mujoco::mujoco PROPERTIES IMPORTED_LOCATION "${MUJOCO_LIBRARY}"
                       INTERFACE_INCLUDE_DIRECTORIES "${MULTIPANDA_SITE_PACKAGES}/mujoco/include")
-add_library(mujoco::headers INTERFACE IMPORTED)
-target_include_directories(mujoco::headers INTERFACE "${MULTIPANDA_SITE_PACKAGES}/mujoco/include")
 # With this RPATH the program finds the libraries in .venv without environment variables.
 set(CMAKE_BUILD_RPATH "${MULTIPANDA_SITE_PACKAGES}/cmeel.prefix/lib;${MULTIPANDA_SITE_PACKAGES}/mujoco")
