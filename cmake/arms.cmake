@@ -17,6 +17,6 @@ foreach(library urdfdom_model tinyxml2 console_bridge)
                         INTERFACE_INCLUDE_DIRECTORIES "${headers}/urdfdom;${headers}/urdfdom_headers;${headers}")
 endforeach()
 target_link_libraries(urdfdom::urdfdom_model INTERFACE urdfdom::tinyxml2 urdfdom::console_bridge)
-# What no command of the program reaches is left out.
+# What no command of the program reaches is left out, and of functions with the same code all but one: 5 % (lld).
 add_compile_options(-ffunction-sections -fdata-sections)
-add_link_options(-Wl,--gc-sections -Wl,-s)
+add_link_options(-fuse-ld=lld -Wl,--gc-sections -Wl,--icf=safe -Wl,-s)

@@ -21,7 +21,14 @@ import arms
 from virtual_arms import VirtualArms
 
 PROGRAM = ""
-TESTS = "core_test threads_test fci_wire_test live_input_test".split()
+TESTS = ("fci/wire/fci_wire_test", "core/core_test", "core/threads_test", "runtime/live_input_test")
+# What QEMU 7.2 has not: which pages are in memory, the times at which the kernel received packets, and the pace of a client
+# that is asked to read 1,000 states per second.
+NOT_UNDER_QEMU = (
+    "ThreadSetup.TheMemoryLockLeavesTheStacksOfOtherThreads",
+    "ServerTest.PacketsThatWaitedTooLongAreCountedAndMoveNothing",
+    "ServerTest.StreamsTheState",
+)
 LARGEST = 6e6  # [bytes], of the program with its own library, and of a wheel
 # From the same states: ARM's products and sums are rounded once, where x86-64 without FMA rounds twice, which is 1e-16 of
 # the torques, times the conditioning of the laws. A wrong layout, sign or order is above 1e-3.
@@ -62,7 +69,7 @@ class Arms(unittest.TestCase):
         cls.addClassCleanup(folder.cleanup)
         cls.folder = pathlib.Path(folder.name)
         cls.own = arms.build("arms", "multipanda_packaged")
-        cls.foreign = arms.build("arms-aarch64", "multipanda_packaged", *TESTS)
+        cls.foreign = arms.build("arms-aarch64", "multipanda_packaged", *(pathlib.Path(test).name for test in TESTS))
         cls.qemu = [shutil.which("qemu-aarch64") or shutil.which("qemu-aarch64-static"), "-L", cls.foreign / "sysroot"]
         cls.wheel = {}
         for build in (cls.own, cls.foreign):
@@ -75,9 +82,9 @@ class Arms(unittest.TestCase):
             (cls.folder / processor / "multipanda/bin/multipanda").chmod(0o755)
 
     def test_its_tests_pass_on_the_other_processor(self):
-        words = "|".join(f"^{name}$" for name in TESTS)
-        done = output("ctest", "--test-dir", self.foreign, "--output-on-failure", "--no-tests=error", "-R", words)
-        self.assertIn(f"0 tests failed out of {len(TESTS)}", done)
+        for test in TESTS:
+            done = output(*self.qemu, self.foreign / test, f"--gtest_filter=-{':'.join(NOT_UNDER_QEMU)}")
+            self.assertRegex(done, r"\[  PASSED  \] \d\d+ tests")
 
     def torques(self, name, program, *words):
         """The log of a run, and its torques since the timeline began."""
