@@ -22,19 +22,19 @@ from virtual_arms import VirtualArms
 
 PROGRAM = ""
 TESTS = ("fci/wire/fci_wire_test", "core/core_test", "core/threads_test", "runtime/live_input_test")
-# What QEMU 7.2 has not: which pages are in memory, the times at which the kernel received packets, and the pace of a client
-# that is asked to read 1,000 states per second.
+# What QEMU 7.2 has not: which pages are in memory, the times at which the kernel received packets, and the pace of a
+# client that reads 1,000 states per second.
 NOT_UNDER_QEMU = (
     "ThreadSetup.TheMemoryLockLeavesTheStacksOfOtherThreads",
     "ServerTest.PacketsThatWaitedTooLongAreCountedAndMoveNothing",
     "ServerTest.StreamsTheState",
 )
 LARGEST = 6e6  # [bytes], of the program with its own library, and of a wheel
-# From the same states: ARM's products and sums are rounded once, where x86-64 without FMA rounds twice, which is 1e-16 of
-# the torques, times the conditioning of the laws. A wrong layout, sign or order is above 1e-3.
+# From the same states: ARM's products and sums are rounded once, where x86-64 without FMA rounds twice: 1e-16 of the
+# torques, times the conditioning of the laws. A wrong layout, sign or order is above 1e-3.
 SAME_TORQUE = 1e-9  # [N m]
 # In lock-step the arm has been still for another number of periods: q differs by 1e-14 at the start, and the wire has
-# 32-bit numbers, of which a few are then rounded to the next, 1.2e-7 rad apart. Two runs of one program differ by up to 1.8e-5 N m.
+# 32-bit numbers, of which a few are then rounded to the next, 1.2e-7 rad apart. Two runs of one program: 1.8e-5 N m.
 SAME_RUN = 5e-4  # [N m]
 HELD = """
 name: held
@@ -45,7 +45,8 @@ controllets:
   - {name: joint, type: joint_impedance, arms: arm}
 timeline:  # QEMU translates the first cycles' code while the arm, still without a command, does not wait
   - {at_s: 0.1, switch: {activate: [cartesian]}}
-  - {at_s: 0.2, reference: {controllet: cartesian, input: pose, position_m: [0.45, 0.2, 0.45], rpy_rad: [pi, 0, 0], duration_s: 0.5}}
+  - at_s: 0.2
+    reference: {controllet: cartesian, input: pose, position_m: [0.45, 0.2, 0.45], rpy_rad: [pi, 0, 0], duration_s: 0.5}
   - {at_s: 1, switch: {activate: [joint]}}
   - {at_s: 1.5, reference: {controllet: joint, input: joints, q_rad: [0, -pi/4, 0, -3*pi/4, 0, pi/2, 1], duration_s: 1}}
 """
@@ -120,8 +121,8 @@ class Arms(unittest.TestCase):
             program, packed = sum(map(bytes_of, (inside / "bin", inside / "lib"))), wheel.stat().st_size
             others = bytes_of(inside.parent / "multipanda_arms.libs")
             print(
-                f"{processor}: program and its library {program / 1e6:.2f} MB, libraries of others {others / 1e6:.2f} MB, "
-                f"wheel {packed / 1e6:.2f} MB"
+                f"{processor}: wheel {packed / 1e6:.2f} MB, program and its library {program / 1e6:.2f} MB, "
+                f"libraries of others {others / 1e6:.2f} MB"
             )
             self.assertLessEqual(max(program, packed), LARGEST)
             names = " ".join(path.name for path in inside.parent.rglob("*"))
