@@ -6,6 +6,7 @@
 #include "cli/program.hpp"
 #include "models/robot_description.hpp"
 #include "runtime/session.hpp"
+#include "runtime/simulated.hpp"
 #include "runtime/softened_laws.hpp"
 #include "scene/load.hpp"
 
@@ -33,7 +34,9 @@ std::string base_text(const Scene& scene, const SceneArm& arm) {
 int run(const std::string& name) {
   OpenedScene opened = open_scene(name);
   // Builds everything as for a run, so that everything that a run refuses is refused here.
-  Session session(std::move(opened.scene), opened.registry, {.moving_bases = true});
+  const BackendKind kind = has_simulators() ? BackendKind::as_scene : BackendKind::fci;
+  Session session(std::move(opened.scene), opened.registry,
+                  {.backend = {.kind = kind}, .moving_bases = true});
   const Scene& scene = session.scene();
   fmt::print("{}: {}{} ({} plant, {} physics step{} per cycle, {} objects)\n", scene.name, scene.description,
              scene.description.empty() ? scene.path : "", scene.plant.name, scene.substeps,

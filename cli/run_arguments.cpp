@@ -43,7 +43,7 @@ std::unique_ptr<CockpitLink> open_cockpit(std::optional<std::uint16_t> port) {
   if (loaded == nullptr)
     throw std::runtime_error(
         fmt::format("--cockpit: the page server cannot be loaded ({}); build it with "
-                    "./multipanda cockpit --help",
+                    "./multipanda cockpit --help (a program for arms alone has none)",
                     dlerror()));
   const auto version = reinterpret_cast<unsigned (*)()>(dlsym(loaded, "multipanda_cockpit_version"));
   const auto open = reinterpret_cast<void* (*)(const std::optional<std::uint16_t>*)>(

@@ -18,19 +18,11 @@ file(COPY ${MULTIPANDA_EIGEN}/ DESTINATION ${CMAKE_BINARY_DIR}/eigen PATTERN Ind
 configure_file(${CMAKE_CURRENT_LIST_DIR}/eigen_indexed_view.h.in
                ${CMAKE_BINARY_DIR}/eigen/Eigen/src/plugins/IndexedViewMethods.h COPYONLY)
 set_target_properties(Eigen3::Eigen PROPERTIES INTERFACE_INCLUDE_DIRECTORIES ${CMAKE_BINARY_DIR}/eigen)
-if(CMAKE_CXX_COMPILER_ID STREQUAL Clang)  # Pinocchio's package requires OpenMP, which is not used here: GCC's suffices
-  set(OpenMP_CXX_FLAGS -fopenmp=libgomp CACHE STRING "")
-  set(OpenMP_CXX_LIB_NAMES gomp CACHE STRING "")
-  set(OpenMP_gomp_LIBRARY gomp CACHE STRING "")
-endif()
-find_package(pinocchio REQUIRED)
-find_package(assimp REQUIRED)  # reads the meshes of URDFs; comes with coal
 find_package(yaml-cpp REQUIRED)
 find_package(fmt REQUIRED)
 find_package(CLI11 REQUIRED)
 find_package(nlohmann_json REQUIRED)
 find_package(GTest REQUIRED)
-find_package(benchmark REQUIRED)
 find_library(ZSTD_LIBRARY zstd REQUIRED)
 find_path(ZSTD_INCLUDE_DIR zstd.h REQUIRED)
 add_library(multipanda_zstd INTERFACE)
@@ -45,15 +37,30 @@ else()
   target_link_libraries(multipanda_yaml INTERFACE yaml-cpp)
 endif()
 
+add_library(mujoco::headers INTERFACE IMPORTED)
+target_include_directories(mujoco::headers INTERFACE "${MULTIPANDA_SITE_PACKAGES}/mujoco/include")
+
+if(NOT MULTIPANDA_SIMULATOR)
+  include(${CMAKE_CURRENT_LIST_DIR}/arms.cmake)
+  return()
+endif()
+if(CMAKE_CXX_COMPILER_ID STREQUAL Clang)  # Pinocchio's package requires OpenMP, which is not used here: GCC's suffices
+  set(OpenMP_CXX_FLAGS -fopenmp=libgomp CACHE STRING "")
+  set(OpenMP_CXX_LIB_NAMES gomp CACHE STRING "")
+  set(OpenMP_gomp_LIBRARY gomp CACHE STRING "")
+endif()
+find_package(pinocchio REQUIRED)
+find_package(assimp REQUIRED)  # reads the meshes of URDFs; comes with coal
+find_package(benchmark REQUIRED)
+
 # MuJoCo's wheel has only libmujoco.so.<version>, no bare .so and no CMake package.
 file(GLOB MUJOCO_LIBRARY "${MULTIPANDA_SITE_PACKAGES}/mujoco/libmujoco.so.4*")
 if(NOT MUJOCO_LIBRARY)
   message(FATAL_ERROR "MuJoCo 4 is not in ${MULTIPANDA_SITE_PACKAGES}/mujoco: run ./multipanda setup.")
 endif()
+string(REGEX MATCH "[0-9.]+$" MULTIPANDA_MUJOCO "${MUJOCO_LIBRARY}")
 add_library(mujoco::mujoco SHARED IMPORTED)
 set_target_properties(mujoco::mujoco PROPERTIES IMPORTED_LOCATION "${MUJOCO_LIBRARY}"
                       INTERFACE_INCLUDE_DIRECTORIES "${MULTIPANDA_SITE_PACKAGES}/mujoco/include")
-add_library(mujoco::headers INTERFACE IMPORTED)
-target_include_directories(mujoco::headers INTERFACE "${MULTIPANDA_SITE_PACKAGES}/mujoco/include")
 # With this RPATH the program finds the libraries in .venv without environment variables.
 set(CMAKE_BUILD_RPATH "${MULTIPANDA_SITE_PACKAGES}/cmeel.prefix/lib;${MULTIPANDA_SITE_PACKAGES}/mujoco")

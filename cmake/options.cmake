@@ -17,6 +17,7 @@ endif()
 
 set(MULTIPANDA_SANITIZER "" CACHE STRING "address (with undefined), undefined or thread; empty for none")
 set_property(CACHE MULTIPANDA_SANITIZER PROPERTY STRINGS "" address undefined thread)
+option(MULTIPANDA_SIMULATOR "Simulators and all that needs them; OFF: a program for arms alone (docs/install.md)" ON)
 option(MULTIPANDA_WERROR "Treat warnings of this project's targets as errors" ON)
 
 option(MULTIPANDA_PCH "Precompile the headers that nearly every file includes (cmake/targets.cmake)" OFF)

@@ -7,8 +7,6 @@
 #include <thread>
 
 #include <Eigen/Core>
-#include <fmt/format.h>
-#include <mujoco/mujoco.h>
 
 namespace multipanda {
 namespace {
@@ -29,8 +27,7 @@ std::map<std::string, std::string> describe_machine() {
   utsname kernel{};
   (void)uname(&kernel);
   return {{"multipanda", MULTIPANDA_VERSION},
-          {"mujoco", fmt::format("{}.{}.{}", mjVERSION_HEADER / 1'000'000, mjVERSION_HEADER / 1000 % 1000,
-                                 mjVERSION_HEADER % 1000)},
+          {"mujoco", MULTIPANDA_MUJOCO},
           {"eigen", std::to_string(EIGEN_WORLD_VERSION) + "." + std::to_string(EIGEN_MAJOR_VERSION) + "." +
                         std::to_string(EIGEN_MINOR_VERSION)},
           {"compiler",

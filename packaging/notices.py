@@ -46,6 +46,11 @@ COMPONENTS = (
     Component("Zstandard", ("debian:libzstd1",), ("libzstd1", "libzstd-dev")),
 )
 
+# What the wheel for arms alone contains.
+OF_ARMS = """Boost CLI11 console_bridge Eigen fmt Pinocchio TinyXML-2 urdfdom yaml-cpp Zstandard""".split() + [
+    "JSON for Modern C++"
+]
+
 
 def canonical(name):
     return re.sub(r"[-_.]+", "-", name).lower()
@@ -88,11 +93,11 @@ def is_of_page(component):
     return all(source.startswith("npm:") for source in component.sources)
 
 
-def write_notices(folder, site_packages, with_page=True):
-    """Writes one file for each component; without the cockpit's page none for its bundled packages."""
+def write_notices(folder, site_packages, with_page=True, of=None):
+    """Writes one file for each component, or each in `of`; without the cockpit's page none for its bundled packages."""
     folder.mkdir(parents=True)
     for component in COMPONENTS:
-        if is_of_page(component) and not with_page:
+        if is_of_page(component) and not with_page or of and component.name not in of:
             continue
         text = "\n".join(notice(source, site_packages).strip() + "\n" for source in component.sources)
         name = canonical(component.name.replace(" ", "-"))

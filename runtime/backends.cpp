@@ -4,14 +4,12 @@
 #include <array>
 #include <stdexcept>
 
-#include "backends/mujoco/mujoco_backend.hpp"
-#include "backends/pinocchio/pinocchio_backend.hpp"
 #include "backends/replay/replay_backend.hpp"
 #include "common/machine.hpp"
 #include "common/text.hpp"
 #include "fci/client/fci_backend.hpp"
 #include "runtime/mixed_backend.hpp"
-#include "runtime/virtual_backend.hpp"
+#include "runtime/simulated.hpp"
 #include "scene/build.hpp"
 
 namespace multipanda {
@@ -90,14 +88,6 @@ std::string describe(const Scene& scene) {
   return text;
 }
 
-std::unique_ptr<Backend> make_virtual(const Scene& scene, const BackendOptions& options,
-                                      const BackendPace& pace) {
-  const VirtualPace clock = !pace.paced        ? VirtualPace::unpaced
-                            : options.lockstep ? VirtualPace::waiting
-                                               : VirtualPace::realtime;
-  return std::make_unique<VirtualBackend>(scene, clock, pace.report, options.real_sensors);
-}
-
 // A run without pacing waits for the slowest arm and the disk, without real-time scheduling. An arm with its
 // own clock would miss commands meanwhile.
 void check_that_arms_wait(const Scene& scene) {
@@ -126,7 +116,7 @@ std::unique_ptr<Backend> make_real(const Scene& scene, const BackendPace& pace) 
   parts.real = std::make_unique<fci::FciBackend>(
       std::move(real), fci::FciOptions{.lockstep = !pace.paced, .report = pace.report});
   if (simulated.arms.empty()) return std::move(parts.real);
-  parts.simulated = std::make_unique<MujocoBackend>(simulated, MujocoOptions{.pace = Pace::unpaced});
+  parts.simulated = make_simulated(simulated, {.kind = BackendKind::mujoco}, {.paced = false, .report = {}});
   return std::make_unique<MixedBackend>(std::move(parts));
 }
 
@@ -249,12 +239,10 @@ BackendSet make_backend(const Scene& scene, const Registry& registry, const Back
                         const BackendPace& pace) {
   const BackendOptions options = chosen(scene, given);
   check_carried_arms(scene, options);
-  const Pace clock = pace.paced ? Pace::realtime : Pace::unpaced;
   switch (options.kind) {
     case BackendKind::virtual_arms:
-      return {make_virtual(scene, options, pace), "virtual"};
     case BackendKind::pinocchio:
-      return {std::make_unique<PinocchioBackend>(scene, pace.paced), "pinocchio"};
+      return {make_simulated(scene, options, pace), name_of(options.kind)};
     case BackendKind::replay:
       return {make_replay(scene, options, pace), "replay of " + options.log.string()};
     case BackendKind::from_library:
@@ -266,7 +254,7 @@ BackendSet make_backend(const Scene& scene, const Registry& registry, const Back
   }
   if (std::ranges::any_of(scene.arms, [](const auto& arm) { return arm.fci.has_value(); }))
     return {make_real(scene, pace), describe(scene)};
-  return {std::make_unique<MujocoBackend>(scene, MujocoOptions{.pace = clock}), "mujoco"};
+  return {make_simulated(scene, options, pace), "mujoco"};
 }
 
 }  // namespace multipanda

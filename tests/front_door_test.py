@@ -250,6 +250,18 @@ class FrontDoor(unittest.TestCase):
         self.assertEqual(made, [f"python3 -B {script} --build {self.tree / 'build'} --out {self.tree / 'dist'}"])
         self.assert_refused(self.call("package", "--fast"), "package has no options", "dist")
 
+    def test_the_package_for_arms_is_built_by_its_own_script(self):
+        for words, script_words in ((["--arms"], ""), (["--arms", "--aarch64"], " --aarch64")):
+            self.mark("missing", "lld\nqemu-user-static\n")
+            result = self.call("package", *words)
+            self.assertEqual(result.returncode, 0, result.stderr)
+            made = [line for line in self.calls("python3") if "packaging" in line]
+            self.assertEqual(made, [f"python3 -B {self.tree / 'packaging/arms.py'}{script_words}"])
+            tools = [
+                name for name in ("lld", "qemu-user-static") if any(name in line for line in self.calls("apt-get"))
+            ]
+            self.assertEqual(tools, ["lld", "qemu-user-static"] if script_words else ["lld"])
+
     def test_a_request_to_a_running_program_never_waits_for_a_build(self):
         self.call("run", "x", "--ros")
         time.sleep(0.02)

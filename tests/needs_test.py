@@ -86,6 +86,20 @@ class Needs(unittest.TestCase):
         missing = {name for name in installed if pathlib.PurePath(name).suffix in ("", ".so")} - made
         self.assertEqual({name for name in missing if not (ROOT / name).is_dir()}, set())
 
+    def test_the_program_for_arms_has_no_simulator_and_no_page(self):
+        """What ninja would compile and link for it; nothing is built."""
+        build = self.build.with_name("arms")
+        done = subprocess.run(["cmake", "--preset", "arms", "-B", build], cwd=ROOT, capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        words = ["ninja", "-C", build, "-t", "commands", "multipanda_packaged"]
+        commands = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+        made = set(re.findall(r"-o (?:\w+/)*(lib\w+\.so|multipanda)\b", commands))
+        self.assertEqual(made, {"multipanda", "libmultipanda_core.so"})
+        libraries = set(re.findall(r"\b(lib\w+)\.(?:so|a)\b", commands))
+        self.assertIn("libmultipanda_fci_client", libraries)
+        foreign = "mujoco|assimp|coal|pinocchio|boost|rcl|multipanda_(arm|report|fci_server|cockpit)$"
+        self.assertEqual({name for name in libraries if re.search(foreign, name)}, set())
+
 
 if __name__ == "__main__":
     unittest.main(argv=[sys.argv[0]])
