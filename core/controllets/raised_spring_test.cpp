@@ -198,7 +198,7 @@ TEST(RaisedSpring, BetweenHandsReturnsWithWhatTheFrameLeavesThem) {
   }
 }
 
-// Of a rule that slides, and turns faster and faster.
+// The rule slides, and turns faster and faster.
 TEST(RaisedSpring, WhatIsSeenMovesAsItsVelocityAndAccelerationSay) {
   RaisedSpring raised;
   raised.put(error_of({0.3, 0, 0}, {0.2, 0, 1}));
@@ -217,8 +217,7 @@ TEST(RaisedSpring, WhatIsSeenMovesAsItsVelocityAndAccelerationSay) {
   }
 }
 
-// K' e' = K e along axes that turn with the set-point, of an error that is a vector; what it is ahead adds
-// up.
+// K' e' = K e along axes that turn with the set-point; the error is a vector, and what it is ahead adds up.
 TEST(RaisedSpring, OfAVectorKeepsTheForceOfEachRise) {
   Draw draw(5);
   const Matrix3 R = draw.rotation();
