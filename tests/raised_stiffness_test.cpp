@@ -17,6 +17,7 @@ struct BenchSetup {
   bool hand = true;
   Vector3 base_rpy = Vector3::Zero();
   double load = 0, load_across = 0;  // undeclared, beside the flange [kg], [m]
+  double tool = 0;                   // length of a pointer [m]
   JointVector q_start = joint_constant(7, 0);
 
   std::string name() const {
@@ -56,6 +57,9 @@ class Bench {
         terms_[i].update(q_, dq_);
         fastest = std::max(fastest, terms_[i].V_WE().linear().norm());
         turning = std::max(turning, terms_[i].V_WE().angular().norm());
+        for (const Vector3& p : terms_[i].points_from_hand())
+          farthest =
+              std::max(farthest, (terms_[i].V_WE().linear() + terms_[i].V_WE().angular().cross(p)).norm());
       }
       if (terms_.size() < 2) continue;
       const Vector3 p = X(1).position - X(0).position;
@@ -63,7 +67,7 @@ class Bench {
       closing = std::max(closing, -p.normalized().dot(v));
     }
   }
-  void forget() { fastest = turning = closing = 0; }
+  void forget() { fastest = turning = closing = farthest = 0; }
   void stop() { cycle_.modes().stop(ArmSet::all(terms_.size())); }
 
   // Each stiffness whose name has this: this share of its greatest.
@@ -117,6 +121,7 @@ class Bench {
   }
 
   double fastest = 0, turning = 0, closing = 0;  // [m/s], [rad/s], [m/s] of two hands
+  double farthest = 0;                           // of flange or tool [m/s]
 
  private:
   static const Registry& registry() {
@@ -136,6 +141,10 @@ class Bench {
       arm.X_WB.rotation = rotation_from_rpy(setup.base_rpy);
       if (arms == 2) arm.X_WB.position.y() = i == 0 ? 0.3 : -0.3;
       arm.q_start = ready() + setup.q_start;
+      if (setup.tool > 0)
+        arm.tool_shapes = {{.size = Vector3::Constant(0.02),
+                            .X_FS = {Matrix3::Identity(), Vector3(0, 0, setup.tool)},
+                            .place = {}}};
       arm.load_present.mass = setup.load;
       arm.load_present.p_FC = Vector3(setup.load_across, 0, 0.05);
       arm.load_present.inertia_C = 1e-3 * setup.load * Matrix3::Identity();
@@ -169,9 +178,9 @@ PlantFidelity plant_of(int i) {
   return plant;
 }
 
-// A hand that damping and stiffness lead after a set-point of at most 0.25 m/s overshoots its speed a little,
-// more behind friction and delay.
-constexpr double kHandSpeed = 0.25, kOvershoot = 1.06;
+constexpr double kHandSpeed = 0.25;
+// Goals of joints alone reach 0.2545 m/s; two hands that were long without stiffness catch up.
+constexpr double kOvershoot = 1.06;
 
 // A goal leads an arm there and back, while all its stiffnesses fall to nothing and rise to their greatest.
 TEST(RaisedStiffness, SwitchedInMotionThrowsNoHand) {
@@ -203,7 +212,8 @@ TEST(RaisedStiffness, SwitchedInMotionThrowsNoHand) {
           std::printf("%s: hand %.3f m/s, %.2f m\n", name.c_str(), bench.fastest, moved);
           series.record("hand_m_per_s", bench.fastest);
           EXPECT_TRUE(bench.owns()) << name << ", " << bench.positions();
-          EXPECT_LT(bench.fastest, kOvershoot * kHandSpeed) << name;
+          const bool passes = type == "joint_impedance" || (two && every == 700);
+          EXPECT_LT(bench.fastest, (passes ? kOvershoot : 1) * kHandSpeed) << name;
           EXPECT_GT(moved, 0.03) << name;
         }
       }
@@ -229,7 +239,7 @@ TEST(RaisedStiffness, ARiseFromNothingBringsTheHandBackSlowly) {
         bench.steps(6000);
         const std::string name = type + ", " + part + ", " + plant_of(plant).name;
         std::printf("%s: %.3f m/s, %.3f rad/s\n", name.c_str(), bench.fastest, bench.turning);
-        EXPECT_LT(bench.fastest, kOvershoot * kHandSpeed) << name;
+        EXPECT_LT(bench.fastest, kHandSpeed) << name;
         EXPECT_LT(bench.turning, 0.75) << name;
         if (bench.input().spec().quantity == Quantity::pose) {
           const Vector6 error = pose_error(bench.input().pose(), bench.X(0));
@@ -237,6 +247,30 @@ TEST(RaisedStiffness, ARiseFromNothingBringsTheHandBackSlowly) {
           EXPECT_LT(error.tail<3>().norm(), plant == 0 ? 0.01 : 0.12) << name;
         }
       }
+    }
+  }
+}
+
+// Its end is 0.7 m from the end effector: 0.35 m/s at 0.5 rad/s.
+TEST(RaisedStiffness, TheEndOfALongToolComesBackAsSlowly) {
+  for (const std::string type : {"cartesian_impedance", "joint_impedance", "ufic", "dual_cartesian_impedance",
+                                 "coupled_dual_cartesian_impedance"}) {
+    for (int plant = 0; plant < 2; ++plant) {
+      Bench bench({.type = type, .plant = plant_of(plant), .tool = 0.8});
+      const std::string part = type == "joint_impedance" ? "" : "rotational";
+      bench.stiffness(part, 0);
+      bench.steps(300);
+      bench.go(part.empty() ? Vector3(0.1, 0, 0) : Vector3(0, 0, 0), Vector3(0, 0.8, 0));
+      bench.steps(4000);
+      bench.forget();
+      bench.stiffness(part, 20.0 / 300);
+      bench.steps(6000);
+      const std::string name = type + ", " + plant_of(plant).name;
+      std::printf("%s: hand %.3f m/s, tool %.3f m/s, %.3f rad/s\n", name.c_str(), bench.fastest,
+                  bench.farthest, bench.turning);
+      EXPECT_LT(bench.farthest, kHandSpeed) << name;
+      EXPECT_GT(bench.farthest, 0.1) << name;
+      EXPECT_TRUE(bench.owns()) << name;
     }
   }
 }
@@ -255,7 +289,7 @@ TEST(RaisedStiffness, AnUndeclaredLoadRisesAndGoalsArrive) {
           bench.stiffness("", 0.4);
           bench.steps(6000);
           const Pose at_rest = bench.X(0);
-          EXPECT_LT(bench.fastest, kOvershoot * kHandSpeed) << type;
+          EXPECT_LT(bench.fastest, kHandSpeed) << type;
           bench.go(Vector3(0.05, 0.1, 0.05), Vector3(0, 0, 0.2));
           bench.steps(4000);
           EXPECT_TRUE(bench.owns()) << type;

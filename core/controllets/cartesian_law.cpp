@@ -151,6 +151,7 @@ TaskForce impedance_force(const ImpedanceGains& asked, const CartesianTarget& re
     force.total -= taken;
   }
   raised.resist(force.pull, force.bounded.force_share, force.bounded.moment_share, dt);
+  force.pace = raised.pace();
   return force;
 }
 

@@ -89,10 +89,12 @@ struct TaskForce {
   Vector6 damping;                 // D V
   BoundedPull bounded;
   double stiffness_share = 1;  // ImpedanceGains::soften
+  double pace = 1;             // RaisedSpring::pace
 
   // Reports this hand's pull to its reference.
   void report(Reference& reference) const {
     reference.resist(pull, bounded.force_share, bounded.moment_share);
+    reference.slow(pace);
   }
 };
 

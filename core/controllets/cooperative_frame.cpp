@@ -103,7 +103,8 @@ CartesianTarget come_back(RaisedSpring& absolute, RaisedSpring& relative, const 
   if (absolute.none() && relative.none()) return rule;
   double lever = 0;
   for (const OwnedArm& arm : context.arms)
-    lever = std::max(lever, (arm.terms->X_WE().position - rule.X_W_d.position).norm());
+    lever = std::max(lever,
+                     (arm.terms->X_WE().position - rule.X_W_d.position).norm() + farthest_point(*arm.terms));
   const double most = context.contact.hand_speed;
   absolute.come_back(rule.V_d.vector, most, lever, context.dt);
   const CartesianTarget seen = absolute.seen(rule);

@@ -196,6 +196,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
     relative_.resist(relative.spring, largest, largest, context.dt);
     // Each hand moves by half of the offset between them.
     Reference& pose = context.inputs[kPose];
+    pose.slow(std::min(absolute_.pace(), relative_.pace()));
     pose.bound_hand_speed(context.contact.hand_speed - 0.5 * offset_.top_speed(pose.spec().max_speed), lever);
   }
 

@@ -339,6 +339,7 @@ class CoupledUfic final : public Controllet {
                 spring_share_);
     absolute_.resist(springs_.wrench(frame).head<6>(), spring_share_, spring_share_, context.dt);
     relative_.resist(springs_.wrench(frame).tail<6>(), spring_share_, spring_share_, context.dt);
+    pose.slow(std::min(absolute_.pace(), relative_.pace()));
     double lever = 0;
     for (const OwnedArm& arm : context.arms) {
       lever = std::max(lever, (arm.terms->X_WE().position - springs_.X_d.position).norm());

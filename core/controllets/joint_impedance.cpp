@@ -92,6 +92,7 @@ class JointImpedance final : public Controllet {
         LawResult::ok)
       return LawResult::fault;
     reference.resist(pull.torque, pull.share);
+    reference.slow(raised_.pace());
     context.outputs[kLargestError] = (target.q_d - arm.q()).lpNorm<Eigen::Infinity>();
     context.outputs[kLargestTorque] = arm.tau->lpNorm<Eigen::Infinity>();
     context.outputs[kStiffnessShare] = pull.stiffness_share;

@@ -1,6 +1,7 @@
 #include "core/controllets/raised_spring.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -63,6 +64,12 @@ void ReturningOffset::resist(const JointVector& pull, double share, double dt) {
   if (!none_) resistance_.update(pull, share, dt);
 }
 
+double farthest_point(ModelTerms& terms) {
+  double farthest = 0;
+  for (const Vector3& p : terms.points_from_hand()) farthest = std::max(farthest, p.norm());
+  return farthest;
+}
+
 RaisedSpring::RaisedSpring() {
   position_.start(3);
   rotation_.start(3);
@@ -79,7 +86,7 @@ CartesianTarget RaisedSpring::follow(const ImpedanceGains& asked, const Cartesia
     position_.shift(exp_rotation(rotation_.value()) * p - p);
   }
   X_FE_ = X_FE;
-  come_back(rule.V_d.vector, asked.contact.hand_speed, 0, dt);
+  come_back(rule.V_d.vector, asked.contact.hand_speed, farthest_point(terms), dt);
   CartesianTarget target = seen(rule);
   if (before) {
     ImpedanceGains was = *before, is = asked;
@@ -188,12 +195,21 @@ JointTarget RaisedJoints::follow(const JointVector& stiffness, const JointTarget
   if (!offset_.none()) {
     const Jacobian& J = arm.terms->J_V_WE();
     const JointVector way = -offset_.value().normalized();
-    const Vector3 hand = J.topRows<3>().lazyProduct(way), ruled = J.topRows<3>().lazyProduct(rule.dq_d);
+    const auto [flange, tool] = arm.terms->points_from_hand();
+    const std::array<Vector3, 3> points = {Vector3::Zero(), flange, tool};
+    const Vector6 back = J.lazyProduct(way), ruled = J.lazyProduct(rule.dq_d);
+    const auto at = [](const Vector6& V, const Vector3& p) -> Vector3 {
+      return V.head<3>() + V.tail<3>().cross(p);
+    };
+    double reach = carriage_speed(J, way), share = 1;
+    for (const Vector3& p : points) reach = std::max(reach, at(back, p).norm());
     const double most = std::min(contact.hand_speed, kUsualSpeed);
-    const double reach = std::max(hand.norm(), carriage_speed(J, way));
     const double speed =
         std::min(ReturningOffset::kTurning, ReturningOffset::kShare * most / std::max(1e-9, reach));
-    const double share = largest_share(ruled, speed * hand, ReturningOffset::kTogether * contact.hand_speed);
+    for (const Vector3& p : points) {
+      share = std::min(share, largest_share(at(ruled, p), speed * at(back, p),
+                                            ReturningOffset::kTogether * contact.hand_speed));
+    }
     offset_.advance(share * speed, ReturningOffset::kJoints, dt);
   }
   if (!same) {

@@ -17,9 +17,11 @@ namespace multipanda {
 class ReturningOffset {
  public:
   // Shares of the speed that a hand may reach beside people: of the return, and of return and rule together.
-  // A hand that damping pulls after both exceeds their sum slightly.
-  static constexpr double kShare = 0.4, kTogether = 0.9;
+  // A hand that damping pulls after both exceeds their sum, two hands by up to a quarter.
+  static constexpr double kShare = 0.4, kTogether = 0.8;
   static constexpr double kTurning = 0.5;  // [rad/s]
+  // Of its pace, the rule's meanwhile: a hand that lagged behind catches up.
+  static constexpr double kRule = 0.96;
   // As goals accelerate [m/s^2], [rad/s^2].
   static constexpr double kSlides = 4, kTurns = 8, kJoints = 5;
 
@@ -42,6 +44,9 @@ class ReturningOffset {
   bool none_ = true;
 };
 
+// From the end effector to the farthest of flange and tool [m].
+double farthest_point(ModelTerms& terms);
+
 // The spring of a frame: a pose, world axes. A new one for each start.
 class RaisedSpring {
  public:
@@ -52,11 +57,13 @@ class RaisedSpring {
   CartesianTarget follow(const ImpedanceGains& asked, const CartesianTarget& rule, ModelTerms& terms,
                          double dt);
   void resist(const Vector6& pull, double force_share, double moment_share, double dt);
+  double pace() const { return none() ? 1 : ReturningOffset::kRule; }  // of the rule, at most
 
   // Its parts, for springs of other coordinates.
   // The gains of the last tick, if these have other stiffnesses.
   std::optional<ImpedanceGains> changed(const ImpedanceGains& asked);
-  // One tick of the return of a frame that the rule moves with this twist; `lever`: from it to the hand.
+  // One tick of the return of a frame that the rule moves with this twist; `lever`: from it to the farthest
+  // point of the hand.
   void come_back(const Vector6& V_rule, double hand_speed, double lever, double dt);
   CartesianTarget seen(const CartesianTarget& rule) const;
   // The seen set-point after a change between softened gains. R_d: of the rule, along whose axes both
@@ -84,6 +91,7 @@ class RaisedJoints {
   JointTarget follow(const JointVector& stiffness, const JointTarget& rule, const ContactBounds& contact,
                      OwnedArm& arm, double dt);
   void resist(const JointVector& pull, double share, double dt) { offset_.resist(pull, share, dt); }
+  double pace() const { return offset_.none() ? 1 : ReturningOffset::kRule; }
 
  private:
   ReturningOffset offset_;

@@ -169,6 +169,7 @@ class Ufic final : public Controllet {
     const double moment_share = std::max(spring_share_, requested.moment_share);
     context.inputs[kPose].resist(spring + feedforward, force_share, moment_share);
     raised_.resist(spring + feedforward, force_share, moment_share, context.dt);
+    context.inputs[kPose].slow(raised_.pace());
     const JointVector tau_null =
         null_space_torque(null_space_gains(parameters, context.contact), arm, q_N_, s);
 

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "core/reference/reference.hpp"
 #include "core/types/carriage_speed.hpp"
@@ -180,7 +181,7 @@ double Reference::desired_pace() const {
 }
 
 void Reference::update_pace(double dt) {
-  const double desired = desired_pace();
+  const double desired = std::exchange(slowed_, 1.0) * desired_pace();
   resisting_count_ = 0;
   if (desired >= 1 && pace_ >= 1) return;
   pace_rate_ += dt * kPaceBandwidth * (kPaceBandwidth * (desired - pace_) - 2 * pace_rate_);

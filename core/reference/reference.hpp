@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <limits>
@@ -155,6 +156,8 @@ class Reference {
   // approached then.
   void resist(const Vector6& pull, double force_share, double moment_share);
   void resist(const JointVector& pull, double share);
+  // After advance(): in the next tick this share of its pace at most.
+  void slow(double share) { slowed_ = std::min(slowed_, share); }
   double pace() const { return pace_; }
   bool stale() const { return stale_; }  // a stream stopped
   bool streaming() const { return streaming_; }
@@ -275,6 +278,7 @@ class Reference {
   double t_motion_ = 0;  // time in the motion [s]
 
   double pace_ = 1, pace_rate_ = 0;         // p, dp/dt [1/s]
+  double slowed_ = 1;                       // of the next tick
   QuinticSegment::Values path_velocity_{};  // x'
   double greatest_hand_speed_ = std::numeric_limits<double>::infinity();
   Jacobian J_hand_;     // joints only

@@ -249,7 +249,8 @@ Outcome run(const Case& c) {
 TEST(Throwing, NoFeatureDrivesAHandFasterThanItsBound) {
   test::Series series;
   for (std::uint32_t seed = 0; seed < 1000; ++seed) {
-    if (!series.takes(seed < 100)) continue;
+    // In 274 a wrist's spring turns a hand that is pushed: it went along its pull with 0.261 m/s.
+    if (!series.takes(seed < 100 || seed == 274)) continue;
     Case c;
     Outcome outcome;
     for (std::uint32_t attempt = 0; outcome.speed < 0; ++attempt) {
@@ -265,7 +266,7 @@ TEST(Throwing, NoFeatureDrivesAHandFasterThanItsBound) {
     series.record("force_n", outcome.force);
     series.record("moment_nm", outcome.moment);
     series.record("step_nm", outcome.step);
-    EXPECT_LT(outcome.speed, 1.1 * kBounds.hand_speed) << c.text;  // torques act some periods late
+    EXPECT_LT(outcome.speed, kBounds.hand_speed) << c.text;
     EXPECT_LT(outcome.share, 0.8) << c.text;
     EXPECT_LT(outcome.force, 1.01 * kBounds.spring_force) << c.text;
     EXPECT_LT(outcome.moment, 1.01 * kBounds.spring_moment) << c.text;
@@ -277,7 +278,7 @@ TEST(Throwing, NoFeatureDrivesAHandFasterThanItsBound) {
     std::printf("%zu cases: hand %.3f m/s, joints %.2f of their speed, %.1f N, %.2f N m, steps of %.2f N m\n",
                 series.size(), series.largest("speed_m_per_s"), series.largest("joint_share"),
                 series.largest("force_n"), series.largest("moment_nm"), series.largest("step_nm"));
-    EXPECT_GT(series.largest("speed_m_per_s"), 0.8 * kBounds.hand_speed) << "none was pushed";
+    EXPECT_GT(series.largest("speed_m_per_s"), 0.5 * kBounds.hand_speed) << "none was pushed";
   }
 }
 
