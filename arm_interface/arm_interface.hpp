@@ -26,6 +26,10 @@ enum class MotionGenerator : std::uint8_t {
   none
 };
 
+constexpr bool is_cartesian(MotionGenerator generator) {
+  return generator == MotionGenerator::cartesian_pose || generator == MotionGenerator::cartesian_velocity;
+}
+
 // Result of starting a motion. The arm's state changes only if the result is `started`.
 enum class MotionStart : std::uint8_t {
   started,

@@ -17,8 +17,8 @@ std::unique_ptr<Backend> make_simulated(const Scene& scene, const BackendOptions
                                                  : VirtualPace::realtime;
     return std::make_unique<VirtualBackend>(scene, clock, pace.report, options.real_sensors);
   }
-  return std::make_unique<MujocoBackend>(
-      scene, MujocoOptions{.pace = pace.paced ? Pace::realtime : Pace::unpaced, .meshes = {}});
+  return std::make_unique<MujocoBackend>(scene,
+                                         MujocoOptions{.pace = pace.paced ? Pace::realtime : Pace::unpaced});
 }
 
 }  // namespace multipanda

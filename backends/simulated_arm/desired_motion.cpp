@@ -9,10 +9,6 @@
 namespace multipanda {
 namespace {
 
-bool is_cartesian(MotionGenerator g) {
-  return g == MotionGenerator::cartesian_pose || g == MotionGenerator::cartesian_velocity;
-}
-
 bool is_placed(MotionGenerator g) {  // commands positions or poses
   return g == MotionGenerator::joint_position || g == MotionGenerator::cartesian_pose;
 }

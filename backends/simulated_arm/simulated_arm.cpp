@@ -77,10 +77,6 @@ SimulatedArmConfig checked(SimulatedArmConfig config, const JointVector& q_start
   return config;
 }
 
-bool is_cartesian(MotionGenerator generator) {
-  return generator == MotionGenerator::cartesian_pose || generator == MotionGenerator::cartesian_velocity;
-}
-
 bool exists(const MotionRequest& request) {
   using Generator = MotionGenerator;
   const bool external = request.controller == ArmController::external;
