@@ -409,7 +409,9 @@ TEST_F(MovingBaseLoop, TheCarrierBearsWhatTheCarriedHandPresses) {
     for (const ArmIndex arm : {kCarrier, kCarried}) world.set_velocity(arm, 0 * world.velocity(arm));
     steps(1);
     ASSERT_TRUE(activate(carrier_runs));
-    if (!one_law) ASSERT_TRUE(activate("hand"));
+    if (!one_law) {
+      ASSERT_TRUE(activate("hand"));
+    }
     // The carried hand is led away, so that its law pulls.
     world.set_position(kCarrier, arm_models()[kCarrier]->q_home());
     world.set_position(kCarried, arm_models()[kCarried]->q_home() + draw.joints(7, 0.03));

@@ -19,10 +19,6 @@ constexpr double kNothingNear = 10;  // [m]; output if no pair is nearer
 // switched on.
 constexpr double kClearShare = 0.2;
 
-// A range that shrinks lets go what it has pressed: springs of the law would throw the arm after it. It
-// changes with this share of the hand's speed at most.
-constexpr double kRangeShare = 0.4;
-
 // The damping of an approach is at most this, times the mass that it acts on. A damping D answers a velocity
 // some milliseconds late (sampling, delay and lag of the torque); on a mass m that stays without overshoot up
 // to D / m = 1 / (e T), 92 1/s for T = 4 ms.
@@ -114,8 +110,7 @@ class CollisionAvoidance final : public Feature {
     if (!refusal_.empty()) return LawResult::fault;
     if (!conditions_.empty()) too_near_.store(0, std::memory_order_release);
     pairs_.place(context.scene_arms);
-    range_ = context.parameters->number(kRange);
-    const double clear = kClearShare * range_;
+    const double clear = kClearShare * context.parameters->number(kRange);
     for (std::size_t i = 0; i < pairs_.size(); ++i) {
       if (!pairs_.has_base_hull(i) || !(pairs_.at_least(i) < clear)) continue;
       if (!(pairs_.closest(i).distance < clear)) continue;
@@ -127,9 +122,7 @@ class CollisionAvoidance final : public Feature {
 
   LawResult update(ControlContext& context) override {
     const auto& parameters = *context.parameters;
-    const double step = kRangeShare * context.contact.hand_speed * context.dt;
-    range_ += std::clamp(parameters.number(kRange) - range_, -step, step);
-    const double range = range_, reach = range + CollisionPairs::kMostLowered;
+    const double range = parameters.number(kRange), reach = range + CollisionPairs::kMostLowered;
     for (const OwnedArm& arm : context.arms) {
       if (!arm.q().allFinite() || !arm.dq().allFinite()) return LawResult::fault;
     }
@@ -213,7 +206,7 @@ class CollisionAvoidance final : public Feature {
     const JointVector to_b = along_normal(context, b, closest.p_B, closest.normal);
     const double v_a = speed_along(context, a.arm, to_a), v_b = speed_along(context, b.arm, to_b);
     const double closing = std::max(0.0, v_b - v_a);
-    const double range = range_, stiffness = parameters.number(kStiffness);
+    const double range = parameters.number(kRange), stiffness = parameters.number(kStiffness);
     const double x = 1 - closest.distance / range;
     const Wall w = wall(x);
     const double spring = std::min(stiffness * range * w.force, kMostOfPair * context.contact.spring_force);
@@ -278,7 +271,6 @@ class CollisionAvoidance final : public Feature {
   std::array<JointVector, kMaxArms> drive_, braking_;  // of all pairs, on each of context.arms
   std::array<BoundedDrive, kMaxArms> bounded_;
   std::size_t nearest_ = 0;
-  double range_ = 0;
   double active_ = 0, potential_ = 0, largest_force_ = 0;
   std::string refusal_;
   // Conditions for a start: in general, then for each pair with a hull around a base. Empty: no hulls.

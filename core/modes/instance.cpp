@@ -479,11 +479,28 @@ Intervention Instance::update(const Tick& tick) try {
   return Intervention::controllet_threw;
 }
 
+namespace {
+
+// The pace at which a feature lets go of arms that it pressed: springs of the law draw them after it, and it
+// waits while a hand is as fast as what a raised stiffness brings back.
+double letting_go(std::span<OwnedArm> arms, const ContactBounds& contact) {
+  constexpr double kShare = 0.4, kTurning = 0.5, kSlowest = 0.05;  // of its speed, [rad/s], of the pace
+  if (!std::isfinite(contact.hand_speed)) return 1;
+  double fastest = 0;
+  for (const OwnedArm& arm : arms) {
+    fastest = std::max({fastest, arm.terms->V_WE().linear().norm() / (kShare * contact.hand_speed),
+                        arm.dq().lpNorm<Eigen::Infinity>() / kTurning});
+  }
+  return std::max(kSlowest, 1 - fastest);
+}
+
+}  // namespace
+
 // A feature whose arm is already within range of an obstacle or limit would start with a step, and one that
 // holds its arm back would end with one.
 LawResult Instance::update_faded(FeatureSlot& slot, ControlContext& context, double goal) {
   const double step = dt_ / ParameterSet::kRamp;
-  slot.fade = std::clamp(goal, slot.fade - step, slot.fade + step);
+  slot.fade = std::clamp(goal, slot.fade - letting_go(law_arms_, contact_) * step, slot.fade + step);
   std::array<JointVector, kMaxArms> before;
   for (std::size_t a = 0; a < feature_arms_.size(); ++a) before[a] = *feature_arms_[a].tau;
   const LawResult result = slot.feature->update(context);
@@ -496,12 +513,15 @@ LawResult Instance::update_faded(FeatureSlot& slot, ControlContext& context, dou
 }
 
 Intervention Instance::run_features(const Tick& tick) {
+  const bool press =
+      std::ranges::any_of(feature_arms_, [](const OwnedArm& arm) { return !arm.tau->isZero(0); });
+  const double pace = press ? letting_go(law_arms_, contact_) : 1;
   for (auto& arm : feature_arms_) arm.tau->setZero(static_cast<Eigen::Index>(arm.model().joint_count()));
   for (std::size_t i = 0; i < features_.size(); ++i) {
     FeatureSlot& slot = features_[i];
     const bool on = feature_on(i);
     if (!on && slot.fade == 0) continue;
-    slot.parameters.advance(dt_);
+    slot.parameters.advance(pace * dt_);
     ControlContext with = feature_context(slot, tick);
     const double goal = on ? 1 : 0;
     const LawResult result = slot.fade != goal ? update_faded(slot, with, goal) : slot.feature->update(with);

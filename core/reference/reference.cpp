@@ -175,7 +175,7 @@ void Reference::forget_posted() {
   t_ = 0;
   streaming_ = stale_ = moving_end_ = in_motion_ = is_pending_ = waiting_ = false;
   braking_s_ = 0;
-  pace_ = 1;
+  pace_ = slowed_ = 1;
   pace_rate_ = 0;
   resisting_count_ = 0;
   period_s_ = 0;

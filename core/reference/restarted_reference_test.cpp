@@ -61,6 +61,7 @@ std::vector<double> run(Reference& reference, std::uint32_t seed, int end) {
       if (quantity == Quantity::pose) reference.resist(reference.twist().vector, 0.95, 1.2);
     }
     reference.advance(0.001, 0.001 * k);
+    if (k >= 350 && k < 450) reference.slow(0.96);
     double values[kMaxTargetValues]{}, rates[kMaxTargetValues]{};
     reference.record(values, rates);
     all.insert(all.end(), values, values + reference.size());

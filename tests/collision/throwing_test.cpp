@@ -327,5 +327,80 @@ TEST(Throwing, AStoppedArmStaysWhereItWasStopped) {
   }
 }
 
+// A feature that has pushed an arm away lets it go: by its range, by its stiffness or gain, switched off, or
+// off and on again while its range falls. Before, the spring of the law threw it at up to 0.6 m/s, or its
+// wrist too fast for it to go on.
+TEST(Throwing, WhatAFeatureLetsGoComesBackSlowly) {
+  struct Release {
+    const char *feature, *parameters, *start, *change;
+  };
+  for (const Release& r : {
+           Release{"collision_avoidance", "range_m: 0.3", "ready", "range_m"},
+           Release{"collision_avoidance", "range_m: 0.3", "ready", "stiffness_n_per_m"},
+           Release{"collision_avoidance", "range_m: 0.3", "ready", "off"},
+           Release{"collision_avoidance", "range_m: 0.3", "ready", "off and on"},
+           Release{"joint_limits", "range_rad: 0.5, stiffness_nm_per_rad: 300",
+                   "[2.6, -0.785, 0, -2.9, 0, 1.57, 0.785]", "stiffness_nm_per_rad"},
+           Release{"joint_limits", "range_rad: 0.5, stiffness_nm_per_rad: 300",
+                   "[2.6, -0.785, 0, -2.9, 0, 1.57, 0.785]", "off"},
+       }) {
+    for (const std::string law : {"cartesian_impedance", "joint_impedance", "hold"}) {
+      SceneArm arm;
+      arm.model = "fer";
+      const double z =
+          terms_at(arm, build_arm_model(arm)->q_home()).X_WE().position.z() - kBelow - 0.02 - 0.05;
+      const std::string name = law == "hold" ? "arm_hold" : "law", change = r.change, feature = r.feature;
+      const auto at = [](double t, const std::string& what) {
+        return fmt::format("  - {{at_s: {}, {}}}\n", t, what);
+      };
+      const auto set = [&](const std::string& parameter, double value) {
+        return fmt::format("parameter: {{controllet: {}, name: {}.{}, value: {}}}", name, feature, parameter,
+                           value);
+      };
+      const auto turn = [&](bool on) {
+        return fmt::format("feature: {{controllet: {}, name: {}, on: {}}}", name, feature, on);
+      };
+      const std::string events =
+          change == "off" ? at(3, turn(false))
+          : change == "off and on"
+              ? at(3, set("range_m", 0.005)) + at(3.21, turn(false)) + at(3.212, turn(true))
+              : at(3, set(change, change == "range_m" ? 0.005 : 0));
+      const std::string text = fmt::format(
+          "plant: {{fidelity: realistic}}\narms:\n  - {{name: arm, model: fer, start_rad: {}}}\n{}"
+          "controllets:\n  - {{name: {}, type: {}, arms: arm, features: [{}], parameters: {{{}: {{{}}}}}}}\n"
+          "active: [{}]\ntimeline:\n{}",
+          r.start,
+          feature == "collision_avoidance"
+              ? fmt::format(
+                    "objects:\n  - {{name: table, shape: box, size_m: [0.3, 0.4, 0.1], position_m: [0.4, "
+                    "0, {:.6f}]}}\n",
+                    z)
+              : "",
+          name, law, feature, feature, r.parameters, law == "hold" ? "" : "law", events);
+      const Scene scene = parse_scene(text, "release.yaml", registry());
+      ModelTerms terms = terms_at(scene.arms[0], scene.arms[0].q_start);
+      double fastest = 0;
+      Vector3 pushed = Vector3::Zero(), end = pushed;
+      SessionOptions options{.paced = false, .duration_s = 9};
+      options.observer = [&](const CycleRecord& record) {
+        if (record.t.seconds() < 2.9) return;
+        terms.update(Eigen::Map<const Eigen::VectorXd>(record.arms[0].q.data(), 7),
+                     Eigen::Map<const Eigen::VectorXd>(record.arms[0].dq.data(), 7));
+        end = terms.X_WE().position;
+        if (pushed.isZero(0)) pushed = end;
+        fastest = std::max(fastest, terms.V_WE().linear().norm());
+      };
+      Session session(scene, registry(), std::move(options));
+      session.start();
+      const std::vector<std::string> faults = session.finish().faults();
+      std::printf("%s, %s, %s: %.3f m/s over %.3f m\n", feature.c_str(), change.c_str(), law.c_str(), fastest,
+                  (end - pushed).norm());
+      EXPECT_EQ(faults, std::vector<std::string>()) << text;
+      EXPECT_LT(fastest, kBounds.hand_speed) << text;
+      EXPECT_GT((end - pushed).norm(), 0.02) << text;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace multipanda::throwing_test

@@ -312,7 +312,7 @@ const kStill = 500;
 const leads = (page: Page, name: string): Promise<boolean> =>
   page.evaluate((name) => window.cockpit.session.state!.arms.some((arm) => arm.controllet === name), name);
 
-/** Without the page's buttons. An arm that a busy computer has stopped is recovered first, however often that happens. */
+/** Without the page's buttons. What a busy computer has stopped, also in a test before, is resumed and recovered first. */
 export async function activateAtOnce(page: Page, owner: string): Promise<void> {
   for (const begun = Date.now(); !(await leads(page, owner));) {
     if (Date.now() - begun > 2 * kPatience) throw new Late(`${owner} cannot be started\n${await saidBy(page)}`);
@@ -322,7 +322,10 @@ export async function activateAtOnce(page: Page, owner: string): Promise<void> {
         const beats = setInterval(() => line.beat(), 50);
         line.beat();
         const { ok } = await session.request("switch", { activate: [owner] });
-        if (!ok) for (const { name } of session.scene!.arms) await session.request("recover", { arm: name });
+        if (!ok) {
+          await session.request("resume", { arms: "all", stops: session.state?.stops });
+          for (const { name } of session.scene!.arms) await session.request("recover", { arm: name });
+        }
         await new Promise((resolve) => setTimeout(resolve, still));
         clearInterval(beats);
         line.release();
