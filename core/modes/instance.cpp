@@ -481,8 +481,9 @@ Intervention Instance::update(const Tick& tick) try {
 
 namespace {
 
-// The pace at which a feature lets go of arms that it pressed: springs of the law draw them after it, and it
-// waits while a hand is as fast as what a raised stiffness brings back.
+// The pace, up to 1, at which a feature lets go of arms that it pressed, since the springs of the law pull
+// them back: the slower, the faster they already move. The speeds are those at which a set-point returns
+// after a raised stiffness (core/controllets/raised_spring.hpp).
 double letting_go(std::span<OwnedArm> arms, const ContactBounds& contact) {
   constexpr double kShare = 0.4, kTurning = 0.5, kSlowest = 0.05;  // of its speed, [rad/s], of the pace
   if (!std::isfinite(contact.hand_speed)) return 1;

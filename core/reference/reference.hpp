@@ -156,7 +156,7 @@ class Reference {
   // approached then.
   void resist(const Vector6& pull, double force_share, double moment_share);
   void resist(const JointVector& pull, double share);
-  // After advance(): in the next tick this share of its pace at most.
+  // After advance(): in the next tick at most this share of its pace. A stream's samples keep theirs.
   void slow(double share) { slowed_ = std::min(slowed_, share); }
   double pace() const { return pace_; }
   bool stale() const { return stale_; }  // a stream stopped

@@ -16,7 +16,8 @@
 //
 // `name` is the key in records and JSON, with its unit. `known` is the member that says whether the arm
 // reports the quantity; otherwise a list of numbers is empty, or not numbers where it has a fixed place. A
-// member that no message has is named no_message. record_cycle.cpp sets the members of the other tables.
+// member that no message has is named no_message. record_cycle.cpp sets the members of measured and
+// commanded quantities.
 namespace multipanda {
 
 using JointArray = std::array<double, kMaxJoints>;  // the first joint_count values are valid

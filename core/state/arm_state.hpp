@@ -59,7 +59,8 @@ using InState = std::conditional_t<std::is_same_v<T, JointArray>, JointVector,
                                    std::conditional_t<std::is_same_v<T, PoseArray>, Pose, T>>;
 
 // What the arm's own interface follows and signals besides its measurements. For display and records; no law
-// reads it. `present` is false if the backend does not provide it.
+// reads it. `present` is false if the backend does not provide it. Members, with units: arm_sample.hpp; joint
+// vectors are n x 1.
 struct InterfaceReport {
   bool present = false;
 #define MULTIPANDA_REPORT(type, member, name, message, known, doc) InState<type> member{};
