@@ -7,26 +7,38 @@
 add_custom_target(first_tier)
 set(MULTIPANDA_OFF_LOOP "$<$<CONFIG:Release>:-O1>"
     "$<$<AND:$<CONFIG:Release>,$<CXX_COMPILER_ID:Clang>>:SHELL:-mllvm -inline-threshold=25>")
+set(MULTIPANDA_PROGRAM_LEVEL $<$<CONFIG:Release>:$<IF:$<BOOL:${MULTIPANDA_SIMULATOR}>,-O0,-O1>>)
 
-# Most of a file's compile time goes into Eigen, the standard library and GoogleTest. With MULTIPANDA_PCH (set by the
-# presets) they are parsed once for libraries and once for tests.
+# Most of a file's compile time goes into Eigen, the standard library, GoogleTest and the headers that nearly all include.
+# With MULTIPANDA_PCH (set by the presets) they are parsed once for libraries, programs and tests each.
 if(MULTIPANDA_PCH)
-  set(MULTIPANDA_PCH_HEADERS <algorithm> <array> <atomic> <cmath> <filesystem> <functional> <future> <map> <memory>
-      <optional> <random> <span> <stdexcept> <string> <thread> <vector> <Eigen/Core> <Eigen/Geometry>)
+  set(MULTIPANDA_PCH_HEADERS <algorithm> <array> <atomic> <chrono> <cmath> <filesystem> <functional> <future> <map>
+      <memory> <optional> <random> <span> <stdexcept> <string> <thread> <vector> <Eigen/Core> <Eigen/Geometry>
+      <fmt/format.h> <fmt/ranges.h> <nlohmann/json.hpp>
+      ${CMAKE_SOURCE_DIR}/core/cycle/backend.hpp ${CMAKE_SOURCE_DIR}/core/controllets/controllet.hpp)
   if(NOT EXISTS ${CMAKE_BINARY_DIR}/pch.cpp)  # a newer one would trigger a full rebuild
     file(WRITE ${CMAKE_BINARY_DIR}/pch.cpp "")
   endif()
+  function(multipanda_pch name)
+    target_include_directories(${name} PRIVATE ${CMAKE_SOURCE_DIR})
+    target_link_libraries(${name} PRIVATE multipanda_flags Eigen3::Eigen fmt::fmt nlohmann_json::nlohmann_json)
+    target_precompile_headers(${name} PRIVATE ${MULTIPANDA_PCH_HEADERS} ${ARGN})
+  endfunction()
   add_library(multipanda_pch STATIC ${CMAKE_BINARY_DIR}/pch.cpp)
-  target_link_libraries(multipanda_pch PRIVATE multipanda_flags Eigen3::Eigen)
-  target_precompile_headers(multipanda_pch PRIVATE ${MULTIPANDA_PCH_HEADERS})
+  multipanda_pch(multipanda_pch)
+  # Programs of commands (multipanda_program in cli): not optimized.
+  add_library(multipanda_program_pch STATIC EXCLUDE_FROM_ALL ${CMAKE_BINARY_DIR}/pch.cpp)
+  multipanda_pch(multipanda_program_pch <CLI/CLI.hpp>)
+  target_link_libraries(multipanda_program_pch PRIVATE CLI11::CLI11)
+  target_compile_options(multipanda_program_pch PRIVATE ${MULTIPANDA_PROGRAM_LEVEL})
   # An executable like the tests: precompiled headers of libraries (-fPIC) and programs (-fPIE) are incompatible.
   add_executable(multipanda_test_pch EXCLUDE_FROM_ALL ${CMAKE_BINARY_DIR}/pch.cpp)
-  target_link_libraries(multipanda_test_pch PRIVATE multipanda_flags Eigen3::Eigen GTest::gtest_main)
+  multipanda_pch(multipanda_test_pch <gtest/gtest.h>)
+  target_link_libraries(multipanda_test_pch PRIVATE GTest::gtest_main)
   target_compile_options(multipanda_test_pch PRIVATE ${MULTIPANDA_OFF_LOOP})
   if(MULTIPANDA_SANITIZER)
     target_compile_options(multipanda_test_pch PRIVATE -O0)
   endif()
-  target_precompile_headers(multipanda_test_pch PRIVATE ${MULTIPANDA_PCH_HEADERS} <gtest/gtest.h>)
 endif()
 
 # Parsing headers takes most of a file's compile time, so a target's files are compiled in batches. The lint stage
@@ -34,7 +46,7 @@ endif()
 option(MULTIPANDA_BATCHES "Compile the files of a target in batches (unity build)" ON)
 function(multipanda_batch name)
   if(MULTIPANDA_BATCHES)
-    set_target_properties(${name} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 10)
+    set_target_properties(${name} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 20)
     if(ARGN)
       set_source_files_properties(${ARGN} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
     endif()

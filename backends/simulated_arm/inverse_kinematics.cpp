@@ -3,9 +3,9 @@
 #include <cmath>
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 
 #include "core/model/model_terms.hpp"
+#include "core/model/task_space.hpp"
 #include "core/types/rotation_between.hpp"
 
 namespace multipanda {
@@ -141,7 +141,7 @@ bool InverseKinematics::singular(const JointVector& q) const {
   Jacobian J;
   chain_.X_BE(q, J);
   const Matrix6 JJt = J.lazyProduct(J.transpose());
-  const double least = Eigen::SelfAdjointEigenSolver<Matrix6>(JJt, Eigen::EigenvaluesOnly).eigenvalues()[0];
+  const double least = eigenvalues(JJt)[0];
   return !(std::sqrt(std::max(0.0, least)) >= kSingular);
 }
 

@@ -4,9 +4,8 @@
 #include <cmath>
 #include <string>
 
-#include <Eigen/Eigenvalues>
-
 #include "core/controllets/energy_tank.hpp"
+#include "core/model/task_space.hpp"
 
 namespace multipanda {
 
@@ -116,9 +115,7 @@ Vector6 borne_inertias(const Matrix6& mobility, const Vector6& weight) {
   const Vector6 own = mobility.diagonal().cwiseMax(1e-6);
   const Vector6 scale = weight.cwiseQuotient(own).cwiseSqrt();
   const Matrix6 B = scale.asDiagonal() * mobility * scale.asDiagonal();
-  Eigen::SelfAdjointEigenSolver<Matrix6> modes;
-  modes.compute(B, Eigen::EigenvaluesOnly);
-  return own.cwiseInverse() / std::max(1.0, modes.eigenvalues()[5]);
+  return own.cwiseInverse() / std::max(1.0, eigenvalues(B)[5]);
 }
 
 double share_at_axis_speed(double force, double along, double limit, double steepest) {

@@ -67,6 +67,10 @@ void compute_task_space(const Jacobian& J, const JointMatrix& M, TaskSpace& task
   fill_task_space<Eigen::Dynamic>(J, M, task);
 }
 
+Vector6 eigenvalues(const Matrix6& A) {
+  return Eigen::SelfAdjointEigenSolver<Matrix6>(A, Eigen::EigenvaluesOnly).eigenvalues();
+}
+
 Matrix6 TaskSpace::press() const {
   if (!floored) return Matrix6::Identity();
   const CoupledModes<Matrix6> modes(Matrix6::Identity(), mobility);

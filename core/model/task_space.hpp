@@ -30,6 +30,9 @@ struct TaskSpace {
   JointVector null_space_velocity(const Jacobian& J, const JointVector& dq) const;
 };
 
+// Eigenvalues of a symmetric matrix, in ascending order. Their solver takes seconds to compile wherever it is used.
+Vector6 eigenvalues(const Matrix6& A);
+
 // Inverse of the symmetric positive semi-definite A with its eigenvalues raised to kMobilityFloor. If A is
 // not finite, neither is the result.
 Matrix6 floored_inverse(const Matrix6& A, bool& floored);
