@@ -54,6 +54,8 @@ class MultimodeController {
   const std::string& arm_name(ArmIndex arm) const { return arm_names_[arm]; }
   InstanceSet active() const { return active_shared_.load(std::memory_order_acquire); }
   InstanceIndex owner(ArmIndex arm) const { return owners_[arm].load(std::memory_order_acquire); }
+  // For one without a loop: shows arms that another controller has stopped.
+  void show_stopped(ArmSet arms) { stopped_shared_.store(arms.bits(), std::memory_order_release); }
   ArmSet stopped() const { return ArmSet::from_bits(stopped_shared_.load(std::memory_order_acquire)); }
   // The number of stops until now. Read it before stopped(): then stopped() shows every stop that it counts.
   std::uint32_t stops() const { return stops_.load(std::memory_order_acquire); }

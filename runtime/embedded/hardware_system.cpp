@@ -249,8 +249,10 @@ HardwareSystem::Result HardwareSystem::read() noexcept {
   const ArmSet due = hardware_->update();
   hardware_->backend().read(due, read_);
   bool any = false;
+  ArmSet stopped;
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
     Arm& arm = arms_[i];
+    if (arm.shared.stopped) stopped |= ArmSet::of(i);
     if (due.contains(i)) {
       arm.shared.state = read_[i];
       publish(arm);
@@ -259,9 +261,12 @@ HardwareSystem::Result HardwareSystem::read() noexcept {
       arm.error = 1;
     }
     arm.mode = static_cast<double>(arm.shared.state.mode);
+    arm.mode_now = static_cast<std::uint8_t>(arm.shared.state.mode);
+    arm.grasped_now = arm.shared.state.gripper.grasped;
     any = any || arm.shared.state.mode != ArmMode::disconnected;
     if (in_fault(arm.shared.state.mode) && arm.has_driven) arm.had_fault = true;
   }
+  if (MultimodeController* modes = shows_stopped_.load(std::memory_order_acquire)) modes->show_stopped(stopped);
   return any && fault_free() ? Result::ok : Result::lost;
 }
 
@@ -367,12 +372,20 @@ RunContext HardwareSystem::run_context() {
     arms.controllets.clear();
     arms.active.clear();
     resting_ = std::make_unique<ControlCycle>(build_cycle_config(arms), *registry_, hardware_->backend());
+    shows_stopped_.store(&resting_->modes(), std::memory_order_release);
   }
   RunContext world{.scene = &scene_,
                    .modes = &resting_->modes(),
                    .backend = &hardware_->backend(),
                    .layout = &resting_->layout(),
-                   .models = {}};
+                   .models = {},
+                   .followed = {},
+                   .newest = [this](ArmIndex arm) {
+                     ArmSample sample;
+                     sample.mode = arms_[arm].mode_now;
+                     sample.gripper_grasped = arms_[arm].grasped_now;
+                     return sample;
+                   }};
   for (const Arm& arm : arms_) world.models.push_back(arm.model);
   return world;
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <bitset>
 #include <cstdint>
 #include <deque>
@@ -150,7 +151,7 @@ class HardwareSystem {
   Backend& backend() { return hardware_->backend(); }
 
   // For services on the hardware's own node: requests go to the backend. The context's controller never runs
-  // and has only the arms' holds.
+  // and has only the arms' holds; it shows which arms the controllers beside have stopped.
   RunContext run_context();
 
  private:
@@ -163,6 +164,8 @@ class HardwareSystem {
     std::shared_ptr<const ArmModel> model;
     std::unique_ptr<ModelTerms> terms;
     SharedArmState shared;
+    std::atomic<std::uint8_t> mode_now{0};  // for threads that serve requests
+    std::atomic<bool> grasped_now{false};
 
     // States
     std::array<double, kMaxJoints> q{}, dq{}, tau{};
@@ -214,6 +217,7 @@ class HardwareSystem {
   // For run_context(), built on demand.
   std::unique_ptr<Registry> registry_;
   std::unique_ptr<ControlCycle> resting_;
+  std::atomic<MultimodeController*> shows_stopped_{nullptr};  // of resting_
 
   TearDown tear_down_;  // destroyed before what it uses
 };

@@ -11,6 +11,7 @@
 
 #include "core/rt/guard/loop_guard.hpp"
 #include "runtime/embedded/testing/hosted_fixture.hpp"
+#include "runtime/request_text.hpp"
 #include "scene/load.hpp"
 
 namespace multipanda::hardware_system_test {
@@ -195,6 +196,49 @@ TEST(HardwareSystem, OurControllerOwnsOneArmAndAPositionControllerTheOther) {
   const JointVector there = world.q(0);
   fixture.steps(300);
   EXPECT_LT((world.q(0) - there).lpNorm<Eigen::Infinity>(), 2e-3);
+}
+
+// The hardware serves the grippers' requests, and a controller beside it stops and resumes the arms.
+TEST(HardwareSystem, AStopOfAControllerReachesTheGrippersOfItsArms) {
+  World world;
+  auto& fixture = world.fixture;
+  auto cycle =
+      world.hosted("controllets: {pose: {type: cartesian_impedance, arms: left}}\nactive: pose\n");
+  const RunContext served = world.hardware.run_context();
+  auto starts = fixture.efforts("left");
+  std::ranges::copy(fixture.efforts("mj_left"), std::back_inserter(starts));
+  ASSERT_EQ(fixture.change(starts), "");
+  fixture.activate(*cycle);
+  const auto begins = [&](ArmIndex arm) {
+    auto answer = request_arm(*served.modes, *served.backend, arm, GripperMove{.width = 0.02},
+                              served.newest(arm).mode);
+    const bool refused = answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
+    return refused ? answer.get().reason : world.wait_for(std::move(answer)).reason;
+  };
+  EXPECT_EQ(begins(0), "");
+  EXPECT_FALSE(gripper_stops(*served.modes, 0, served.newest(0).mode));
+
+  cycle->modes().stop(ArmSet::of(0));
+  fixture.steps(2);  // the loop's, then the hardware's next reading
+  EXPECT_TRUE(gripper_stops(*served.modes, 0, served.newest(0).mode));
+  EXPECT_FALSE(gripper_stops(*served.modes, 1, served.newest(1).mode));
+  EXPECT_THAT(begins(0), HasSubstr("arm 'left' is stopped, and so is its gripper: resume the arm first"));
+
+  const Request resume{.kind = Request::Kind::resume, .arms = ArmSet::of(0)};
+  std::uint64_t ticket = 0;
+  ASSERT_EQ(cycle->modes().post({&resume, 1}, ticket), Verdict::accepted);
+  fixture.steps(2);
+  EXPECT_EQ(begins(0), "");
+
+  cycle->modes().stop(ArmSet::of(0));
+  fixture.steps(2);
+  fixture.deactivate();  // nobody could resume the arm
+  fixture.step();
+  EXPECT_FALSE(gripper_stops(*served.modes, 0, served.newest(0).mode));
+
+  ASSERT_TRUE(world.ask(0, SetUserStop{true}).success);  // the arm's own button
+  ASSERT_TRUE(fixture.steps_until([&] { return gripper_stops(*served.modes, 0, served.newest(0).mode); }));
+  EXPECT_THAT(begins(0), HasSubstr("by its button"));
 }
 
 TEST(HardwareSystem, VelocityAndCartesianCommandsMoveTheArm) {

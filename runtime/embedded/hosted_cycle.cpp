@@ -68,6 +68,7 @@ void HostedCycle::activate() noexcept {
 
 bool HostedCycle::step(double period_s) noexcept {
   cycle_->step(backend_->advance(period_s));
+  backend_->share_stopped(modes().stopped());
   const bool any = watch_arms();
   if (trace_) trace_->step_done(cycle_->data().tick);
   return any;
@@ -96,6 +97,7 @@ bool HostedCycle::watch_arms() {
 }
 
 void HostedCycle::deactivate() noexcept {
+  backend_->share_stopped({});  // no one could resume them
   backend_->leave();
   modes().start_when_ready(0);
   if (trace_ && is_active()) trace_->end(cycle_->data().tick.cycle);

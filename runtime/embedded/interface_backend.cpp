@@ -301,6 +301,12 @@ void InterfaceBackend::leave() {
   }
 }
 
+void InterfaceBackend::share_stopped(ArmSet stopped) {
+  for (ArmIndex i = 0; i < arms_.size(); ++i) {
+    if (const SharedArmState* shared = arms_[i]->signals.shared) shared->stopped = stopped.contains(i);
+  }
+}
+
 const SharedArmState* InterfaceBackend::shared_backend(ArmIndex arm) const {
   const SharedArmState* shared = arms_[arm]->requests_to.load(std::memory_order_acquire);
   return shared != nullptr && shared->backend != nullptr ? shared : nullptr;

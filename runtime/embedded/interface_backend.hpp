@@ -73,6 +73,9 @@ class InterfaceBackend : public Backend {
   // otherwise zero.
   void leave();
 
+  // Tells the hardware which arms are stopped, for their grippers.
+  void share_stopped(ArmSet stopped);
+
   std::size_t arm_count() const override { return arms_.size(); }
   Capabilities capabilities(ArmIndex arm) const override;
   double period() const override { return period_s_; }

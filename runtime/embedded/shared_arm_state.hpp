@@ -35,6 +35,8 @@ struct SharedArmState {
   // For requests to the arm; any thread but the loop's.
   Backend* backend = nullptr;
   ArmIndex arm = 0;
+  // Written by the controller in update(): it has stopped this arm, so the hardware stops the arm's gripper.
+  mutable bool stopped = false;
 
   static Headers this_build();
 };
