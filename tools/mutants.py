@@ -248,8 +248,9 @@ def flags(build):
 
 
 def parsed_headers(index, tree, arguments):
-    """The headers that the build precompiles, parsed once."""
+    """The headers of others that the build precompiles, parsed once."""
     names = re.search(r"MULTIPANDA_PCH_HEADERS ([^)]*)\)", (tree / "cmake" / "targets.cmake").read_text())[1].split()
+    names = [name for name in names if name.startswith("<")]  # mutants of our own must be seen where they are
     common, source = tree / "common.pch", tree / "common.hpp"
     source.write_text("".join(f"#include {name}\n" for name in names))
     index.parse(str(source), args=["-x", "c++-header", *arguments]).save(str(common))
