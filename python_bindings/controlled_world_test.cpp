@@ -90,11 +90,49 @@ std::string every_law(const Registry& registry) {
   return text;
 }
 
+// A user's law, and a user's feature, that forget nothing when they start.
+class Counting final : public Controllet {
+ public:
+  static ControlletDescriptor descriptor() { return {.type = "counting"}; }
+  LawResult start(ControlContext&) override { return LawResult::ok; }
+  LawResult update(ControlContext& context) override {
+    *context.arms[0].tau = context.arms[0].terms->c();
+    (*context.arms[0].tau)[6] = 1e-4 * ++count_;
+    return LawResult::ok;
+  }
+
+ private:
+  int count_ = 0;
+};
+class CountingFeature final : public Feature {
+ public:
+  static ControlletDescriptor descriptor() { return {.type = "counting_feature"}; }
+  LawResult start(ControlContext&) override { return LawResult::ok; }
+  LawResult update(ControlContext& context) override {
+    (*context.arms[0].tau)[6] += 1e-4 * ++count_;
+    return LawResult::ok;
+  }
+
+ private:
+  int count_ = 0;
+};
+
+Registry with_users_laws() {
+  Registry registry = Registry::with_builtins();
+  registry.add(controllet_type<Counting>());
+  registry.add(feature_type<CountingFeature>());
+  return registry;
+}
+
 class ResetWorld : public testing::Test {
  protected:
   ControlledWorld world() const { return {scene_, registry_, parts_, layout_}; }
-  WorldStart start(const std::string& law, std::uint64_t seed) const {
-    return {.seed = seed, .hidden = false, .q_start = {}, .objects = {}, .active = std::vector{law}};
+  static std::string instance_of(const ControlletDescriptor& law) {
+    return law.type == "hold" ? "left_hold" : law.type;
+  }
+  static WorldStart start(const ControlletDescriptor& law, std::uint64_t seed) {
+    return {
+        .seed = seed, .hidden = false, .q_start = {}, .objects = {}, .active = std::vector{instance_of(law)}};
   }
   static void ask(ControlledWorld& world, const json& request) {
     try {
@@ -108,10 +146,9 @@ class ResetWorld : public testing::Test {
     world.write_state(numbers.data());
     return numbers;
   }
-  void switch_features(ControlledWorld& world, const std::string& law, bool on) const {
-    for (const auto& feature : registry_.features()) {
-      ask(world, {{"do", "feature"}, {"controllet", law}, {"name", feature.descriptor.type}, {"on", on}});
-    }
+  void switch_feature(ControlledWorld& world, const ControlletDescriptor& law, std::size_t k, bool on) const {
+    const std::string& name = registry_.features()[k].descriptor.type;
+    ask(world, {{"do", "feature"}, {"controllet", instance_of(law)}, {"name", name}, {"on", on}});
   }
   // Every parameter of the law and of its features, changed.
   void change_parameters(ControlledWorld& world, const ControlletDescriptor& law) const {
@@ -125,7 +162,8 @@ class ResetWorld : public testing::Test {
         for (double& v : values) v += v == spec.min ? 0.01 * (spec.max - spec.min) : 0.3 * (spec.min - v);
         value = values.size() == 1 ? json(values[0]) : json(values);
       }
-      ask(world, {{"do", "parameter"}, {"controllet", law.type}, {"name", name}, {"value", value}});
+      ask(world, {{"do", "parameter"}, {"controllet", instance_of(law)}, {"name", name}, {"value", value}});
+      world.step(1);
     };
     for (const auto& spec : law.parameters) change(spec, spec.name);
     for (const auto& feature : registry_.features()) {
@@ -146,7 +184,8 @@ class ResetWorld : public testing::Test {
       if (input.quantity == Quantity::wrench || input.quantity == Quantity::twist) values.assign(6, 0.1);
       if (input.quantity == Quantity::scalar) values = {0.1};
       values[0] += 0.03;
-      ask(world, {{"do", "reference"}, {"controllet", law.type}, {"input", input.name}, {"values", values}});
+      ask(world,
+          {{"do", "reference"}, {"controllet", instance_of(law)}, {"input", input.name}, {"values", values}});
     }
   }
   // All that the world shows in a run of 150 cycles, and what it refuses.
@@ -154,8 +193,10 @@ class ResetWorld : public testing::Test {
                                                   const ControlletDescriptor& law) const {
     std::vector<double> all;
     for (int cycle = 0; cycle < 150; ++cycle) {
-      if (cycle == 10) switch_features(world, law.type, true);
-      if (cycle == 20) aim(world, law);
+      // One per cycle: a refusal refuses all of its cycle.
+      const auto k = static_cast<std::size_t>(cycle) - 10;
+      if (k < registry_.features().size()) switch_feature(world, law, k, true);
+      if (cycle == 30) aim(world, law);
       if (cycle == 60) change_parameters(world, law);
       const std::vector<double> now = row(world);
       all.insert(all.end(), now.begin(), now.end());
@@ -176,19 +217,15 @@ class ResetWorld : public testing::Test {
     run(world, law);
     ask(world, {{"do", "set_load"}, {"arm", "left"}, {"mass_kg", 0.4}});
     ask(world, {{"do", "push_object"}, {"object", "box"}, {"force_n", {3, 0, 0}}});
-    ask(world, {{"do", "parameter"},
-                {"controllet", "gravity_compensation"},
-                {"name", "damping_nms_per_rad"},
-                {"value", 0.2}});
     ask(world, {{"do", "feature"}, {"controllet", "left_hold"}, {"name", "joint_limits"}, {"on", true}});
     world.step(30);
     ask(world, {{"do", "stop"}, {"arms", {"left"}}});
     world.step(20);
     aim(world, law);  // waits for the next cycle
-    switch_features(world, law.type, false);
+    switch_feature(world, law, 0, false);
   }
 
-  Registry registry_ = Registry::with_builtins();
+  Registry registry_ = with_users_laws();
   Scene scene_ = parse_scene(every_law(registry_), "every_law", registry_);
   WorldParts parts_{scene_};
   StateRow layout_{scene_};
@@ -196,15 +233,25 @@ class ResetWorld : public testing::Test {
 
 TEST_F(ResetWorld, IsANewOneToTheBitWithEveryLawAndFeature) {
   ControlledWorld used = world();
-  used.reset(start("dual_cartesian_impedance", 1));
-  for (const auto& [law, create] : registry_.controllets()) {
-    if (law.type == "hold") continue;
-    used.reset(start(law.type, 2));
-    use(used, law);
-    used.reset(start(law.type, 3));
+  const auto expect_new = [&](const ControlletDescriptor& law) {
+    used.reset(start(law, 3));
     ControlledWorld fresh = world();
-    fresh.reset(start(law.type, 3));
+    fresh.reset(start(law, 3));
     expect_same(used, fresh, law);
+  };
+  for (const auto& [law, create] : registry_.controllets()) {
+    used.reset(start(law, 2));
+    use(used, law);
+    expect_new(law);
+    const ControlletDescriptor& other =
+        registry_.controllet(law.type == "force" ? "ufic" : "force")->descriptor;
+    used.reset(start(other, 2));
+    change_parameters(used, law);  // of a law that does not run
+    expect_new(law);
+    used.reset(start(other, 2));
+    switch_feature(used, law, registry_.features().size() - 1, true);
+    used.step(1);
+    expect_new(law);
   }
 }
 
@@ -212,7 +259,7 @@ TEST_F(ResetWorld, IsANewOneWithTheTimelineAndWithHiddenPlants) {
   const ControlletDescriptor law = registry_.controllet("cartesian_impedance")->descriptor;
   ControlledWorld used = world();
   for (const bool hidden : {false, true, true, false}) {
-    used.reset(start(law.type, 1));
+    used.reset(start(law, 1));
     use(used, law);
     const WorldStart next{.seed = 4,
                           .hidden = hidden,
