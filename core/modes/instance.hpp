@@ -51,8 +51,8 @@ class Instance {
   // Throws std::invalid_argument on unknown type, feature or parameter, wrong number of arms, values
   // out of bounds, an arm that is both owned and observed.
   Instance(const InstanceConfig& config, const Registry& registry, const ArmBlocks& blocks);
-  // As built, to the bit, by the same registry on the same blocks: builds anew what a run has used. Not while
-  // the loop runs.
+  // Becomes as it was built, to the bit: builds again what a run has used, by the same registry and on the
+  // same blocks. Not while the loop runs.
   void renew(const Registry& registry, const ArmBlocks& blocks);
 
   const std::string& name() const { return name_; }
