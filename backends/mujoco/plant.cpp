@@ -93,6 +93,7 @@ PlantParts::PlantParts(const Scene& scene, const PlantOptions& options)
     arms.back().gripper = {2 * hand.finger_travel, hand.finger_velocity, hand.finger_effort};
   }
   model.reset(compose(arms_of_world(*this, scene), scene.objects, physics));
+  for (Arm& arm : arms) arm.of_world.mjcf.clear();  // compiled: every plant copies the rest
 }
 
 MujocoPlant::MujocoPlant(const Scene& scene, const PlantParts& parts, const PlantOptions& options)
