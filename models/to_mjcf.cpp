@@ -270,12 +270,13 @@ class ArmWriter {
                           {"solimp", "0.99 0.99 0.001"}});
       xml_.close();
     }
+    if (!options_.actuators) return;
     xml_.open("actuator");
     for (std::size_t i = 1; i <= robot_.joint_count(); ++i) {
       const std::string joint = named("joint" + std::to_string(i));
       xml_.leaf("motor", {{"name", joint}, {"joint", joint}, {"gear", "1"}});
     }
-    if (movable() && options_.finger_servo) {
+    if (movable()) {
       // Stiff enough to reach the rated force within a few millimeters; the damping is stable at steps of
       // 1 ms.
       xml_.leaf("position", {{"name", named("fingers")},

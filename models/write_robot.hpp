@@ -72,7 +72,7 @@ struct MjcfOptions {
   // Fraction of the rotors' inertia that the arm's torque loop compensates, 0 to 1; the rest is armature.
   // Other programs have no such loop.
   double rotor_hidden = 1;
-  bool finger_servo = true;      // false: no actuator `fingers`; the force on the finger joints is applied
+  bool actuators = true;         // false: none, for forces that are applied to the joints
   std::string prefix;            // put before every name
   bool visuals = true;           // false: no visible geoms
   std::filesystem::path meshes;  // folder of meshes to show in place of the primitives; empty: primitives

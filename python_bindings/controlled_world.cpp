@@ -93,7 +93,8 @@ void ControlledWorld::build(const WorldStart& start) {
     hidden.emplace(scene);
   }
   const WorldParts& parts = hidden ? *hidden : parts_;
-  cycle_.reset();
+  std::unique_ptr<ControlCycle> spent = std::move(cycle_);
+  if (hidden || start_.hidden) spent.reset();  // they have models of their own
   backend_ = std::make_unique<MujocoBackend>(scene, MujocoOptions{.pace = Pace::unpaced}, parts.plant);
   CycleConfig config = parts.cycle;
   config.obstacles = fixed_obstacles(scene);  // the timeline may have been left out
@@ -103,10 +104,12 @@ void ControlledWorld::build(const WorldStart& start) {
     models.push_back(arm.model);
     terms_.emplace_back(arm.model);
   }
-  cycle_ = std::make_unique<ControlCycle>(config, registry_, *backend_);
+  cycle_ = std::make_unique<ControlCycle>(config, registry_, *backend_, std::move(spent));
   auto& modes = cycle_->modes();
   handler_ = std::make_unique<RequestHandler>(LiveInputContext{
       .scene = scene.name, .modes = &modes, .backend = backend_.get(), .models = models, .rotations = {}});
+  for (std::size_t i = 0; i < scene.arms.size(); ++i)  // as known, so that no model file is read again
+    scene.arms[i].X_FE = parts.plant.arms[i].behavior.frames.X_FE;
   modes.schedule(build_schedule(scene, modes));
   InstanceSet active = 0;
   if (start.active) {

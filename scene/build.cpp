@@ -285,6 +285,7 @@ CycleConfig build_cycle_config(const Scene& scene, std::size_t record_capacity) 
 
 std::vector<ScheduledRequest> build_schedule(const Scene& scene, MultimodeController& controller) {
   std::vector<ScheduledRequest> schedule;
+  schedule.reserve(scene.timeline.size());
   for (ArmIndex arm = 0; arm < scene.arms.size() && !scene.timeline.empty(); ++arm)
     controller.set_end_effector(arm, arm_config(scene.arms[arm]).frames.X_FE);
   for (const auto& event : scene.timeline) {

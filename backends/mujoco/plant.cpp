@@ -29,7 +29,7 @@ WorldArm world_arm(const Scene& scene, const SceneArm& arm, const RobotDescripti
   const Fingers fingers = has_fingers(arm) ? Fingers::movable : Fingers::locked;
   WorldArm placed{
       .name = arm.name,
-      .mjcf = to_mjcf(robot, {.hand = arm.hand, .fingers = fingers, .finger_servo = false, .visuals = looks}),
+      .mjcf = to_mjcf(robot, {.hand = arm.hand, .fingers = fingers, .actuators = false, .visuals = looks}),
       .joint_count = robot.joint_count(),
       .X_WB = plant_base_of(arm, robot),
       .carrier = carrier_of(scene, arm, robot),
@@ -93,6 +93,7 @@ PlantParts::PlantParts(const Scene& scene, const PlantOptions& options)
     arms.back().gripper = {2 * hand.finger_travel, hand.finger_velocity, hand.finger_effort};
   }
   model.reset(compose(arms_of_world(*this, scene), scene.objects, physics));
+  for (Arm& arm : arms) arm.of_world.mjcf.clear();  // compiled: every plant copies the rest
 }
 
 MujocoPlant::MujocoPlant(const Scene& scene, const PlantParts& parts, const PlantOptions& options)

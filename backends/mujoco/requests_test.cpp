@@ -20,7 +20,8 @@ RequestAnswer ask(Loop& loop, Request request, std::size_t arm = 0) {
   } else {
     future = loop.backend.request(arm, std::move(request));
   }
-  while (future.wait_for(std::chrono::seconds(0)) != std::future_status::ready) loop.step();
+  // The helper thread answers soon: an arm in motion must not run on into a reflex meanwhile.
+  while (future.wait_for(std::chrono::milliseconds(5)) != std::future_status::ready) loop.step();
   return future.get();
 }
 

@@ -49,7 +49,7 @@ World::World(const mjModel& compiled, const std::vector<WorldArm>& arms,
     }
   }
   for (const auto& object : objects_) set_place(object, object.X_WO_start, qpos_start_.data());
-  if (!reset())
+  if (!begin())
     throw std::invalid_argument(std::string("MuJoCo cannot start the scene:  ") + last_engine_error());
   refuse_penetration();
 }
@@ -205,12 +205,17 @@ double World::stiction_torque(int dof) const {
 }
 
 bool World::reset() {
+  return without_engine_error([this] { mj_resetData(model_.get(), data_.get()); }) && begin();
+}
+
+// From data that MuJoCo has just made or reset.
+bool World::begin() {
   for (std::size_t a = 0; a < arms_.size(); ++a) let_go(a);
   for (const auto& object : objects_) {
     if (object.qpos < 0) set_place(object, object.X_WO_start, nullptr);
   }
-  return without_engine_error([this] { mj_resetData(model_.get(), data_.get()); }) &&
-         (std::copy(qpos_start_.begin(), qpos_start_.end(), data_->qpos), forward());
+  std::ranges::copy(qpos_start_, data_->qpos);
+  return forward();
 }
 
 bool World::forward() {

@@ -147,6 +147,7 @@ class World {
   const mjData* data() const { return data_.get(); }
 
  private:
+  bool begin();
   void find_places(const std::vector<WorldArm>& arms, const std::vector<SceneObject>& objects);
   void refuse_penetration() const;
   void set_place(const ObjectPlaces& object, const Pose& X_WO, double* qpos);

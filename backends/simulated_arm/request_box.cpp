@@ -64,9 +64,9 @@ std::future<RequestAnswer> RequestBox::post(Posted posted) {
     if (slot.stage.load(std::memory_order_acquire) != Stage::free) continue;
     slot.posted = std::move(posted);
     slot.since = host_now();
-    slot.promise = {};
+    slot.promise.emplace();
     slot.stage.store(Stage::waiting, std::memory_order_release);
-    auto future = slot.promise.get_future();
+    auto future = slot.promise->get_future();
     ring_.push(static_cast<std::uint8_t>(i));  // never full: as many places as slots
     ++pending_;
     if (!helper_.joinable()) helper_ = std::thread([this] { keep_promises(); });
@@ -128,7 +128,7 @@ void RequestBox::keep_promises() {
     posted_.wait(lock, [this] { return pending_ > 0 || ending_; });
     for (Slot& slot : slots_) {
       if (slot.stage.load(std::memory_order_acquire) != Stage::answered) continue;
-      slot.promise.set_value(
+      slot.promise->set_value(
           {.success = slot.reply == ArmReply::done,
            .reason = slot.reply == ArmReply::done ? std::string{} : std::string(to_string(slot.reply))});
       slot.stage.store(Stage::free, std::memory_order_release);

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <future>
 #include <mutex>
+#include <optional>
 #include <string_view>
 #include <thread>
 
@@ -83,7 +84,7 @@ class RequestBox {
     Posted posted;
     HostTime since;
     ArmReply reply = ArmReply::done;
-    std::promise<RequestAnswer> promise;
+    std::optional<std::promise<RequestAnswer>> promise;  // none before its first request
   };
   void keep_promises();
 

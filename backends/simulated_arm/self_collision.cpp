@@ -18,6 +18,7 @@ SelfCollision::SelfCollision(const ArmModel& model) {
   });
   used.erase(std::unique(used.begin(), used.end()), used.end());
   std::map<std::size_t, std::uint16_t> place_of;
+  bodies_.reserve(used.size());
   for (const std::size_t i : used) {
     place_of[i] = static_cast<std::uint16_t>(bodies_.size());
     Body body;

@@ -80,11 +80,30 @@ std::vector<std::string> names_of(const CycleConfig& config) {
   return names;
 }
 
+// The values in the places of spent ones, at which instances look.
+template <typename Values>
+void put(Values& values, Values& places) {
+  std::ranges::move(values, places.begin());
+  values.swap(places);
+}
+
+CycleData placed(CycleData data, CycleData* spent) {
+  if (spent == nullptr) return data;
+  put(data.state, spent->state);
+  put(data.condition, spent->condition);
+  put(data.obstacles, spent->obstacles);
+  put(data.terms, spent->terms);
+  put(data.tau_controllet, spent->tau_controllet);
+  put(data.tau_feature, spent->tau_feature);
+  return data;
+}
+
 }  // namespace
 
-ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, Backend& backend)
+ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, Backend& backend,
+                           std::unique_ptr<ControlCycle> spent)
     : backend_(backend),
-      data_(models_of(config), config.obstacles),
+      data_(placed(CycleData(models_of(config), config.obstacles), spent ? &spent->data_ : nullptr)),
       mounts_(mounts_of(config)),
       safety_(limits_of(config, backend)) {
   if (config.arms.empty() || config.arms.size() > kMaxArms) {
@@ -138,9 +157,9 @@ ControlCycle::ControlCycle(const CycleConfig& config, const Registry& registry, 
   }
   const ArmBlocks blocks{data_.state,     data_.terms,          data_.tau_controllet, data_.tau_feature,
                          data_.obstacles, friction_compensated, data_.condition,      mounts_};
-  modes_ =
-      std::make_unique<MultimodeController>(names_of(config), config.controllets, registry, blocks, safety_);
-  layout_ = modes_->layout();
+  modes_ = std::make_unique<MultimodeController>(names_of(config), config.controllets, registry, blocks,
+                                                 safety_, spent ? spent->modes_.get() : nullptr);
+  layout_ = spent ? std::move(spent->layout_) : modes_->layout();
   if (config.record_capacity > 0) {
     record_ = std::make_unique<RecordRing>(layout_, config.record_capacity);
     modes_->record_to(record_.get());

@@ -51,6 +51,7 @@ ModelTerms::ModelTerms(std::shared_ptr<const ArmModel> model)
 }
 ModelTerms::~ModelTerms() = default;
 ModelTerms::ModelTerms(ModelTerms&&) noexcept = default;
+ModelTerms& ModelTerms::operator=(ModelTerms&&) noexcept = default;
 
 void ModelTerms::update(const ArmState& state) {
   if (state.config_version != config_version_) {

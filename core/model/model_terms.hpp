@@ -21,6 +21,7 @@ class ModelTerms {
   explicit ModelTerms(std::shared_ptr<const ArmModel> model);
   ~ModelTerms();
   ModelTerms(ModelTerms&&) noexcept;
+  ModelTerms& operator=(ModelTerms&&) noexcept;
 
   // Takes q and dq of the measured state, and its frames, tool and load if config_version changed.
   void update(const ArmState& state);

@@ -37,6 +37,23 @@ const ControlletType& controllet_type(const InstanceConfig& config, const Regist
   return *type;
 }
 
+using Models = std::vector<std::shared_ptr<const ArmModel>>;
+
+Models models_of(const ArmBlocks& blocks, std::span<const ArmIndex> arms,
+                 std::span<const ArmIndex> observed) {
+  Models models;
+  for (const auto& list : {arms, observed}) {
+    for (const ArmIndex arm : list) models.push_back(blocks.terms[arm].shared_model());
+  }
+  return models;
+}
+
+Models models_of_scene(const ArmBlocks& blocks) {
+  Models models;
+  for (const ModelTerms& terms : blocks.terms) models.push_back(terms.shared_model());
+  return models;
+}
+
 std::size_t total_size(const std::vector<OutputSpec>& outputs) {
   std::size_t n = 0;
   for (const auto& output : outputs) n += output.size;
@@ -52,11 +69,10 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
       observed_list_(config.observes),
       parameters_(specs_for(descriptor_.parameters, blocks.terms[config.arms[0]].model()),
                   blocks.terms[config.arms[0]].joint_count()) {
-  std::vector<std::shared_ptr<const ArmModel>> models;
+  const Models models = models_of(blocks, arm_list_, observed_list_), all_models = models_of_scene(blocks);
   for (const ArmIndex arm : arm_list_) {
     if (arms_.contains(arm)) refuse(name_, "the same arm is listed twice");
     arms_ |= ArmSet::of(arm);
-    models.push_back(blocks.terms[arm].shared_model());
     law_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], &blocks.tau_controllet[arm]});
     feature_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], &blocks.tau_feature[arm]});
   }
@@ -64,13 +80,10 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     if (arms_.contains(arm)) refuse(name_, "it observes an arm that it owns");
     if (observed_.contains(arm)) refuse(name_, "the same observed arm is listed twice");
     observed_ |= ArmSet::of(arm);
-    models.push_back(blocks.terms[arm].shared_model());
     observed_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], nullptr});
   }
   see_bases(blocks);
-  std::vector<std::shared_ptr<const ArmModel>> all_models;
   for (ArmIndex arm = 0; arm < blocks.states.size(); ++arm) {
-    all_models.push_back(blocks.terms[arm].shared_model());
     JointVector* of_controllet = arms_.contains(arm) ? &blocks.tau_controllet[arm] : nullptr;
     scene_arms_.push_back({&blocks.states[arm], &blocks.terms[arm], of_controllet});
   }
@@ -145,6 +158,36 @@ Instance::Instance(const InstanceConfig& config, const Registry& registry, const
     const auto [set, k] = locate(i);
     set->set_now(k, values);
   }
+  for (std::size_t i = 0; i < parameter_count(); ++i) {
+    const std::vector<double> values = parameter(i);
+    configured_.insert(configured_.end(), values.begin(), values.end());
+  }
+  configured_features_ = features_on_;
+}
+
+void Instance::renew(const Registry& registry, const ArmBlocks& blocks) {
+  if (!used_) return;
+  used_ = stopped_ = false;
+  const Models models = models_of(blocks, arm_list_, observed_list_), all_models = models_of_scene(blocks);
+  const FeatureContext context{all_models, arm_list_, blocks.obstacles, blocks.friction_compensated};
+  controllet_ = registry.controllet(descriptor_.type)->create(models);
+  for (Reference& input : inputs_) {
+    const ArmModel& model = *models[input.spec().arm];
+    input = Reference(input.spec(), model.joint_count(), model.joint_range());
+  }
+  for (std::size_t i = 0; i < features_.size(); ++i) {
+    FeatureSlot& slot = features_[i];
+    if (slot.used) slot.feature = registry.features()[i].create(context);
+    slot.used = false;
+    slot.fade = 0;
+  }
+  std::size_t first = 0;
+  for (std::size_t i = 0; i < parameter_count(); first += parameter_size(i++)) {
+    const auto [set, k] = locate(i);
+    set->set_now(k, std::span(configured_).subspan(first, parameter_size(i)));
+  }
+  features_on_ = configured_features_;
+  std::ranges::fill(outputs_, 0.0);
 }
 
 std::pair<const ParameterSet*, std::size_t> Instance::locate(std::size_t i) const {
@@ -195,6 +238,7 @@ std::string Instance::bound_text(std::size_t i, std::span<const double> values) 
   return {};
 }
 void Instance::set_parameter(std::size_t i, std::span<const double> values, bool active) {
+  used_ = true;
   const auto [set, k] = locate(i);
   if (active) {
     set->set(k, values);
@@ -311,6 +355,7 @@ bool Instance::end_goal(EndedGoal& ended) {
 }
 
 LawResult Instance::start(const Tick& tick) try {
+  used_ = true;
   for (WatchedGoal& goal : goals_) goal.until = {};
   served_ = {};
   dt_ = kArmPeriod;
@@ -331,6 +376,7 @@ LawResult Instance::start(const Tick& tick) try {
       continue;
     }
     ControlContext with = feature_context(slot, tick);
+    slot.used = true;
     if (slot.feature->start(with) != LawResult::ok) return LawResult::fault;
   }
   return LawResult::ok;
@@ -382,11 +428,13 @@ void Instance::switch_feature(std::size_t i, bool on) {
 }
 
 LawResult Instance::set_feature(std::size_t i, bool on, bool active, const Tick& tick) try {
+  used_ = true;
   FeatureSlot& slot = features_[i];
   if (on && !feature_refusal(i).empty()) return LawResult::fault;
   if (active && on && !feature_on(i)) {
     if (slot.fade == 0) slot.parameters.finish();
     ControlContext with = feature_context(slot, tick);
+    slot.used = true;
     if (slot.feature->start(with) != LawResult::ok) return LawResult::fault;
   }
   switch_feature(i, on);

@@ -51,6 +51,9 @@ class Instance {
   // Throws std::invalid_argument on unknown type, feature or parameter, wrong number of arms, values
   // out of bounds, an arm that is both owned and observed.
   Instance(const InstanceConfig& config, const Registry& registry, const ArmBlocks& blocks);
+  // Becomes as it was built, to the bit: builds again what a run has used, by the same registry and on the
+  // same blocks. Not while the loop runs.
+  void renew(const Registry& registry, const ArmBlocks& blocks);
 
   const std::string& name() const { return name_; }
   const ControlletDescriptor& descriptor() const { return descriptor_; }
@@ -97,7 +100,10 @@ class Instance {
   // If `active`, parameters approach their values and features start; otherwise both are only stored.
   void set_parameter(std::size_t i, std::span<const double> values, bool active);
   LawResult set_feature(std::size_t i, bool on, bool active, const Tick& tick);
-  void set_stopped(bool stopped) { stopped_ = stopped; }  // its arm, of a hold
+  void set_stopped(bool stopped) {  // its arm, of a hold
+    used_ = true;
+    stopped_ = stopped;
+  }
   // Ends of the newest goal of an input, from the arms' present state on. False: it needs the force of an
   // arm, which is unknown.
   bool watch_goal(std::size_t input, const Target& goal, const GoalEnd& until);
@@ -130,6 +136,7 @@ class Instance {
     // Share of its torque that acts: grows to 1 within ParameterSet::kRamp after each start, and falls to 0
     // after it was switched off.
     double fade = 0;
+    bool used = false;  // it has started
   };
   struct WatchedGoal {
     GoalEnd until;
@@ -174,6 +181,9 @@ class Instance {
   bool bases_move_ = false;  // an arm of the scene stands on another one
   ContactBounds contact_;
   bool stopped_ = false;
+  bool used_ = false;               // differs from a new one
+  std::vector<double> configured_;  // all parameters of a new one
+  std::uint32_t configured_features_ = 0;
   // Torque of a hold's features when its arm was stopped: it remains, and fades out after a resume.
   double still_share_ = 0;  // 1 while it is stopped
   JointVector still_tau_;   // (n x 1) [N m]

@@ -63,6 +63,11 @@ void Mailbox::pop() {
   if (++taken_of_batch_ == batch_) taken_of_batch_ = 0;
 }
 
+void Mailbox::clear() {
+  while (ring_.front() != nullptr) ring_.pop();
+  taken_of_batch_ = batch_ = 0;
+}
+
 // Release on every word: a reader of one of the new words (acquire) also sees the old ticket replaced.
 void Mailbox::answer(const Answer& answer) {
   std::array<std::uint64_t, kWords> words{};

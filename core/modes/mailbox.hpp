@@ -53,6 +53,7 @@ class Mailbox {
   Claim claim(HostTime now);
   void pop();
   void answer(const Answer& answer);
+  void clear();  // forgets what is queued; while no other thread posts
 
  private:
   static constexpr std::size_t kQueue = 256, kAnswers = 1024;

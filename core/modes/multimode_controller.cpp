@@ -17,8 +17,23 @@ constexpr std::uint32_t kNeverSeen = 0xFFFFFFFF;
 
 MultimodeController::MultimodeController(std::vector<std::string> arm_names,
                                          const std::vector<InstanceConfig>& configs, const Registry& registry,
-                                         const ArmBlocks& blocks, SafetyStage& safety)
-    : arm_names_(std::move(arm_names)), blocks_(blocks), safety_(safety), reach_(blocks) {
+                                         const ArmBlocks& blocks, SafetyStage& safety,
+                                         MultimodeController* spent)
+    : arm_names_(std::move(arm_names)),
+      blocks_(blocks),
+      safety_(safety),
+      reach_(blocks),
+      mailbox_(spent != nullptr ? std::move(spent->mailbox_) : std::make_unique<Mailbox>()) {
+  mailbox_->clear();
+  if (spent != nullptr) pending_ = std::move(spent->pending_);
+  const auto add = [&](const InstanceConfig& config) {
+    if (spent == nullptr) {
+      instances_.push_back(std::make_unique<Instance>(config, registry, blocks));
+    } else {
+      instances_.push_back(std::move(spent->instances_[instances_.size()]));
+      instances_.back()->renew(registry, blocks);
+    }
+  };
   for (ArmIndex arm = 0; arm < arm_names_.size(); ++arm) {
     InstanceConfig hold{.name = arm_names_[arm] + "_hold", .type = "hold", .arms = {arm}};
     for (const auto& config : configs) {
@@ -28,13 +43,13 @@ MultimodeController::MultimodeController(std::vector<std::string> arm_names,
       throw std::invalid_argument("controllet '" + hold.name +
                                   "': this name is reserved for the hold of arm '" + arm_names_[arm] + "'");
     }
-    instances_.push_back(std::make_unique<Instance>(hold, registry, blocks));
+    add(hold);
   }
   for (const auto& config : configs) {
     const InstanceIndex taken = find(config.name);
     if (taken < arm_names_.size()) continue;  // a hold, built above
     if (taken != kNoInstance) throw std::invalid_argument("two controllets are named '" + config.name + "'");
-    instances_.push_back(std::make_unique<Instance>(config, registry, blocks));
+    add(config);
   }
   if (instances_.size() > kMaxInstances) {
     throw std::invalid_argument("too many controllets: " + std::to_string(instances_.size()) +
@@ -209,7 +224,7 @@ Verdict MultimodeController::post(std::span<const Request> requests, std::uint64
   for (const Request& request : requests) {
     if (const Verdict verdict = check(request); verdict != Verdict::accepted) return verdict;
   }
-  ticket = mailbox_.post(requests, patience_s, asked);
+  ticket = mailbox_->post(requests, patience_s, asked);
   return ticket != 0 ? Verdict::accepted : Verdict::queue_full;
 }
 
@@ -221,9 +236,9 @@ Answer MultimodeController::ask(std::span<const Request> requests, double timeou
   if (!answer.accepted()) return answer;
   const HostTime posted = answer.received;
   for (std::uint64_t part = ticket - requests.size() + 1; part <= ticket; ++part) {
-    while (!mailbox_.poll(part, answer)) {
+    while (!mailbox_->poll(part, answer)) {
       const double waited = seconds(host_now() - posted);
-      if (waited > timeout_s && mailbox_.withdraw(ticket)) {
+      if (waited > timeout_s && mailbox_->withdraw(ticket)) {
         answer.verdict = Verdict::timeout;
         return answer;
       }

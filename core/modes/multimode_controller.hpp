@@ -29,9 +29,11 @@ struct ScheduledRequest {
 class MultimodeController {
  public:
   // `arm_names` and the blocks have one element per arm. Throws std::invalid_argument (see Instance), on
-  // names that are not unique and on too many instances.
+  // names that are not unique and on too many instances. `spent`: one of the same configs and registry, whose
+  // instances work on the same blocks; gives its largest parts, which are as new then.
   MultimodeController(std::vector<std::string> arm_names, const std::vector<InstanceConfig>& configs,
-                      const Registry& registry, const ArmBlocks& blocks, SafetyStage& safety);
+                      const Registry& registry, const ArmBlocks& blocks, SafetyStage& safety,
+                      MultimodeController* spent = nullptr);
 
   // --- before the loop ---
   void schedule(std::vector<ScheduledRequest> requests);  // adds to the requests already scheduled
@@ -80,8 +82,8 @@ class MultimodeController {
                HostTime asked = host_now());
   // Withdraws what post() queued. true: it will never be executed. false: the loop has decided, its answer
   // follows. Call it before giving up on an answer.
-  bool withdraw(std::uint64_t ticket) { return mailbox_.withdraw(ticket); }
-  bool poll(std::uint64_t ticket, Answer& answer) const { return mailbox_.poll(ticket, answer); }
+  bool withdraw(std::uint64_t ticket) { return mailbox_->withdraw(ticket); }
+  bool poll(std::uint64_t ticket, Answer& answer) const { return mailbox_->poll(ticket, answer); }
   // Posts, then polls for the answers of the loop. Returns the first refusal, otherwise the last answer.
   // Verdict::timeout: not executed. Verdict::pending: taken, but its answer was overwritten by later ones.
   Answer ask(std::span<const Request> requests, double timeout_s = kPatience, HostTime asked = host_now());
@@ -167,7 +169,7 @@ class MultimodeController {
   RecordRing* record_ = nullptr;
   std::vector<std::size_t> output_offsets_;  // of each instance in CycleRecord::outputs
   Reach reach_;
-  Mailbox mailbox_;
+  std::unique_ptr<Mailbox> mailbox_;
   HostTime began_;  // loop: requests received before are refused
   GapWatch gaps_;   // loop
   bool stops_after_gaps_ = false;

@@ -45,23 +45,23 @@ void MultimodeController::take_requests(const Tick& tick) {
 // whole if a stop came between its post and now, and from its first refusal on, since later requests may rely
 // on it.
 void MultimodeController::take_mail(const Tick& tick) {
-  for (std::size_t taken = 0; taken < kPerStep || mailbox_.in_batch(); ++taken) {
-    const Mailbox::Posted* posted = mailbox_.front();
+  for (std::size_t taken = 0; taken < kPerStep || mailbox_->in_batch(); ++taken) {
+    const Mailbox::Posted* posted = mailbox_->front();
     if (posted == nullptr) break;
-    if (!mailbox_.in_batch()) {
+    if (!mailbox_->in_batch()) {
       batch_verdict_ = Verdict::accepted;
-      for (std::size_t i = 0; i < mailbox_.batch_size(); ++i) {
-        if (overtaken_by_stop(mailbox_.of_batch(i))) batch_verdict_ = Verdict::arm_stopped;
+      for (std::size_t i = 0; i < mailbox_->batch_size(); ++i) {
+        if (overtaken_by_stop(mailbox_->of_batch(i))) batch_verdict_ = Verdict::arm_stopped;
       }
     }
-    const Mailbox::Claim claim = mailbox_.claim(host_now());
+    const Mailbox::Claim claim = mailbox_->claim(host_now());
     if (claim != Mailbox::Claim::withdrawn) {
       const bool late = claim == Mailbox::Claim::expired || (posted->bounded() && posted->asked < began_);
       apply(posted->request, posted->ticket, posted->received, tick,
             late ? Verdict::timeout : batch_verdict_);
       batch_verdict_ = pending_[pending_count_ - 1].verdict;
     }
-    mailbox_.pop();
+    mailbox_->pop();
   }
 }
 
@@ -494,7 +494,7 @@ void MultimodeController::close(const Tick& tick) {
       }
       emit(event, tick);
     }
-    if (answer.ticket != 0) mailbox_.answer(answer);
+    if (answer.ticket != 0) mailbox_->answer(answer);
   }
 }
 

@@ -11,7 +11,8 @@ namespace multipanda {
 template <typename T>
 class TripleBuffer {
  public:
-  explicit TripleBuffer(const T& initial = T{}) { slots_.fill(initial); }
+  TripleBuffer() = default;
+  explicit TripleBuffer(const T& initial) { slots_.fill(initial); }
 
   // Writer thread.
   void write(const T& value) {
