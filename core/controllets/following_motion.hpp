@@ -60,6 +60,8 @@ class FollowingMotion {
   // `v_w`: of these coordinates only.
   void advance(const JointVector& v_w, const FollowingLimits& limits, double dt);
 
+  void push(const JointVector& by) { v_ += by; }  // changes the velocity at once
+
   bool rests() const;  // or almost
   const JointVector& velocity() const { return v_; }
   const JointVector& acceleration() const { return a_; }

@@ -11,6 +11,10 @@ namespace multipanda {
 namespace {
 
 constexpr double kUsualSpeed = ContactBounds{}.hand_speed;
+constexpr double kFeeding = 0.5;  // [s]
+
+// The share of its speed that a rule keeps.
+double share_within(double speed, double most) { return speed > most ? most / speed : 1; }
 
 // The error, in the new axes, with the same spring force as before; no component larger than before.
 Vector6 kept_error(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d,
@@ -49,12 +53,13 @@ void ReturningOffset::shift(const JointVector& by) {
   none_ = false;
 }
 
-void ReturningOffset::advance(double speed, double acceleration, double dt) {
+void ReturningOffset::advance(const JointVector& behind, double speed, double acceleration, double dt) {
   if (none_) return;
   const Eigen::Index n = value_.size();
   // The jerk lets it brake without passing its end (following_motion.hpp).
   const FollowingLimits limits{0, n, speed, acceleration, FollowingMotion::kPole * acceleration};
-  motion_.advance(motion_.desired(-value_, JointVector::Zero(n), limits, resistance_, dt), limits, dt);
+  const JointVector back = motion_.desired(-value_, JointVector::Zero(n), limits, resistance_, dt);
+  motion_.advance(back - behind, limits, dt);
   value_ += dt * motion_.velocity();
   constexpr double kThere = 1e-7, kRests = 1e-5;  // what is left then is less than a sensor resolves
   if (value_.norm() < kThere && motion_.velocity().norm() < kRests) start(n, resistance_.waits());
@@ -111,22 +116,27 @@ std::optional<ImpedanceGains> RaisedSpring::changed(const ImpedanceGains& asked)
 }
 
 void RaisedSpring::come_back(const Vector6& V_rule, double hand_speed, double lever, double dt) {
+  fed_ = std::min(1.0, fed_ + dt / kFeeding);
   if (none()) return;
   const double most = std::min(hand_speed, kUsualSpeed), together = ReturningOffset::kTogether * hand_speed;
-  const double turned = lever * V_rule.tail<3>().norm();
+  const double share_of_rule =
+      share_within(V_rule.head<3>().norm() + lever * V_rule.tail<3>().norm(), together);
+  const Vector6 V = share_of_rule * V_rule, behind = V_rule - V;
+  const double turned = lever * V.tail<3>().norm();
   const auto speed_of = [](const ReturningOffset& offset, double speed) {
     return Vector3(-speed * Vector3(offset.value()).normalized());
   };
   const double speed = ReturningOffset::kShare * most;
   const double share =
-      largest_share(V_rule.head<3>(), speed_of(position_, speed), std::max(0.0, together - turned));
-  position_.advance(share * speed, ReturningOffset::kSlides, dt);
+      largest_share(V.head<3>(), speed_of(position_, speed), std::max(0.0, together - turned));
+  position_.advance(behind.head<3>(), share * speed, ReturningOffset::kSlides, dt);
   double turning = ReturningOffset::kTurning * most / kUsualSpeed;
   if (lever > 0 && std::isfinite(hand_speed)) {
     const double left = together - turned - (V_rule.head<3>() + Vector3(position_.velocity())).norm();
     turning = std::min(turning, std::max(0.0, left) / lever);
   }
-  rotation_.advance(turning, ReturningOffset::kTurns, dt);
+  const Vector3 turns_behind = inverse_left_jacobian(-Vector3(rotation_.value())) * behind.tail<3>();
+  rotation_.advance(turns_behind, turning, ReturningOffset::kTurns, dt);
 }
 
 CartesianTarget RaisedSpring::seen(const CartesianTarget& rule) const {
@@ -142,6 +152,7 @@ CartesianTarget RaisedSpring::seen(const CartesianTarget& rule) const {
   target.A_d.linear() += Vector3(position_.acceleration());
   target.A_d.angular() = R * rule.A_d.angular() + own.cross(omega) + J * Vector3(rotation_.acceleration()) +
                          left_jacobian_rate(r, dr);
+  target.A_d.vector *= fed_;
   return target;
 }
 
@@ -150,12 +161,23 @@ void RaisedSpring::raise(const ImpedanceGains& before, const ImpedanceGains& now
   const Vector6 error = pose_error(seen.X_W_d, X);
   const Vector6 kept = kept_error(before, now, R_d, error);
   if (kept == error) return;
+  if (!before.leads()) begin(before, R_d, seen);
   position_.shift(kept.head<3>() - error.head<3>());
   seen.X_W_d.position = X.position + kept.head<3>();
   if (kept.tail<3>() == error.tail<3>()) return;
   const Matrix3 R_rule = exp_rotation(rotation_.value()).transpose() * seen.X_W_d.rotation;
   seen.X_W_d.rotation = exp_rotation(kept.tail<3>()) * X.rotation;
   rotation_.shift(log_rotation(seen.X_W_d.rotation * R_rule.transpose()) - Vector3(rotation_.value()));
+}
+
+void RaisedSpring::begin(const ImpedanceGains& before, const Matrix3& R_d, CartesianTarget& seen) {
+  const CartesianTarget led = before.led(seen, R_d);
+  const Vector6 slower = led.V_d.vector - seen.V_d.vector;
+  position_.push(slower.head<3>());
+  rotation_.push(inverse_left_jacobian(rotation_.value()) * slower.tail<3>());
+  seen.V_d = led.V_d;
+  seen.A_d.vector.setZero();
+  fed_ = 0;
 }
 
 Vector6 RaisedSpring::raise(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d,
@@ -201,16 +223,20 @@ JointTarget RaisedJoints::follow(const JointVector& stiffness, const JointTarget
     const auto at = [](const Vector6& V, const Vector3& p) -> Vector3 {
       return V.head<3>() + V.tail<3>().cross(p);
     };
-    double reach = carriage_speed(J, way), share = 1;
-    for (const Vector3& p : points) reach = std::max(reach, at(back, p).norm());
+    double reach = carriage_speed(J, way), fastest = carriage_speed(J, rule.dq_d), share = 1;
+    for (const Vector3& p : points) {
+      reach = std::max(reach, at(back, p).norm());
+      fastest = std::max(fastest, at(ruled, p).norm());
+    }
+    const double together = ReturningOffset::kTogether * contact.hand_speed;
+    const double share_of_rule = share_within(fastest, together);
     const double most = std::min(contact.hand_speed, kUsualSpeed);
     const double speed =
         std::min(ReturningOffset::kTurning, ReturningOffset::kShare * most / std::max(1e-9, reach));
     for (const Vector3& p : points) {
-      share = std::min(share, largest_share(at(ruled, p), speed * at(back, p),
-                                            ReturningOffset::kTogether * contact.hand_speed));
+      share = std::min(share, largest_share(share_of_rule * at(ruled, p), speed * at(back, p), together));
     }
-    offset_.advance(share * speed, ReturningOffset::kJoints, dt);
+    offset_.advance((1 - share_of_rule) * rule.dq_d, share * speed, ReturningOffset::kJoints, dt);
   }
   if (!same) {
     // First the stiffnesses that fall, then those that rise: K e' = K_fallen e, all softened.

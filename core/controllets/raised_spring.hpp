@@ -23,13 +23,15 @@ class ReturningOffset {
   // Of its pace, the rule's meanwhile: a hand that lagged behind catches up.
   static constexpr double kRule = 0.96;
   // As goals accelerate [m/s^2], [rad/s^2].
-  static constexpr double kSlides = 4, kTurns = 8, kJoints = 5;
+  static constexpr double kSlides = 2, kTurns = 4, kJoints = 5;
 
   void start(Eigen::Index coordinates, Resistance::Waits waits = Resistance::Waits::along);
   bool none() const { return none_; }
   void shift(const JointVector& by);
-  // One tick of the return, with at most this speed and acceleration.
-  void advance(double speed, double acceleration, double dt);
+  void push(const JointVector& by) { motion_.push(by); }  // changes its velocity
+  // One tick of the return, with at most this speed and acceleration, while it falls behind the rule with
+  // `behind`.
+  void advance(const JointVector& behind, double speed, double acceleration, double dt);
   // The pull of this tick, and its share of what is allowed: from the next tick on it waits.
   void resist(const JointVector& pull, double share, double dt);
 
@@ -51,7 +53,7 @@ double farthest_point(ModelTerms& terms);
 class RaisedSpring {
  public:
   RaisedSpring();
-  bool none() const { return position_.none() && rotation_.none(); }
+  bool none() const { return position_.none() && rotation_.none() && fed_ >= 1; }
 
   // The set-point that the spring of a hand sees in this tick. `asked`: gains before soften(), and bounds.
   CartesianTarget follow(const ImpedanceGains& asked, const CartesianTarget& rule, ModelTerms& terms,
@@ -79,8 +81,11 @@ class RaisedSpring {
   void put(const Vector6& offset);
 
  private:
+  void begin(const ImpedanceGains& before, const Matrix3& R_d, CartesianTarget& seen);
+
   ReturningOffset position_, rotation_;  // R_seen = exp(rotation) R_rule
   std::optional<ImpedanceGains> before_;
+  double fed_ = 1;  // share of the acceleration that is seen
   Pose X_FE_;
 };
 
