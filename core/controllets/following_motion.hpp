@@ -60,9 +60,8 @@ class FollowingMotion {
   // `v_w`: of these coordinates only.
   void advance(const JointVector& v_w, const FollowingLimits& limits, double dt);
 
-  void push(const JointVector& by) { v_ += by; }  // changes the velocity at once
-
   bool rests() const;  // or almost
+  void go(const JointVector& velocity) { v_ = velocity; }
   const JointVector& velocity() const { return v_; }
   const JointVector& acceleration() const { return a_; }
   // The coordinates are those of a twist, about another point of the same body: p further, in the same axes.

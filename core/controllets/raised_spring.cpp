@@ -11,9 +11,9 @@ namespace multipanda {
 namespace {
 
 constexpr double kUsualSpeed = ContactBounds{}.hand_speed;
-constexpr double kFeeding = 0.5;  // [s]
+constexpr double kFeeding = 0.5;  // in which the feed-forward of acceleration ends or returns [s]
 
-// The share of its speed that a rule keeps.
+// The share of a speed that is within the greatest.
 double share_within(double speed, double most) { return speed > most ? most / speed : 1; }
 
 // The error, in the new axes, with the same spring force as before; no component larger than before.
@@ -50,6 +50,12 @@ void ReturningOffset::start(Eigen::Index coordinates, Resistance::Waits waits) {
 void ReturningOffset::shift(const JointVector& by) {
   if (by.isZero(0)) return;
   value_ += by;
+  none_ = false;
+}
+
+void ReturningOffset::go(const JointVector& velocity) {
+  if (velocity == motion_.velocity()) return;
+  motion_.go(velocity);
   none_ = false;
 }
 
@@ -97,7 +103,7 @@ CartesianTarget RaisedSpring::follow(const ImpedanceGains& asked, const Cartesia
     ImpedanceGains was = *before, is = asked;
     was.soften(rule.X_W_d.rotation, terms);
     is.soften(rule.X_W_d.rotation, terms);
-    raise(was, is, rule.X_W_d.rotation, terms.X_WE(), target);
+    raise(was, is, rule, terms.X_WE(), target);
   }
   return target;
 }
@@ -116,8 +122,9 @@ std::optional<ImpedanceGains> RaisedSpring::changed(const ImpedanceGains& asked)
 }
 
 void RaisedSpring::come_back(const Vector6& V_rule, double hand_speed, double lever, double dt) {
-  fed_ = std::min(1.0, fed_ + dt / kFeeding);
   if (none()) return;
+  const bool is_back = position_.none() && rotation_.none();
+  fed_ = std::clamp(fed_ + (is_back ? dt : -dt) / kFeeding, 0.0, 1.0);
   const double most = std::min(hand_speed, kUsualSpeed), together = ReturningOffset::kTogether * hand_speed;
   const double share_of_rule =
       share_within(V_rule.head<3>().norm() + lever * V_rule.tail<3>().norm(), together);
@@ -156,28 +163,27 @@ CartesianTarget RaisedSpring::seen(const CartesianTarget& rule) const {
   return target;
 }
 
-void RaisedSpring::raise(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d,
+void RaisedSpring::raise(const ImpedanceGains& before, const ImpedanceGains& now, const CartesianTarget& rule,
                          const Pose& X, CartesianTarget& seen) {
+  const Matrix3& R_d = rule.X_W_d.rotation;
   const Vector6 error = pose_error(seen.X_W_d, X);
   const Vector6 kept = kept_error(before, now, R_d, error);
   if (kept == error) return;
-  if (!before.leads()) begin(before, R_d, seen);
+  const Twist V_d = before.led(seen, R_d).V_d;
   position_.shift(kept.head<3>() - error.head<3>());
   seen.X_W_d.position = X.position + kept.head<3>();
-  if (kept.tail<3>() == error.tail<3>()) return;
-  const Matrix3 R_rule = exp_rotation(rotation_.value()).transpose() * seen.X_W_d.rotation;
-  seen.X_W_d.rotation = exp_rotation(kept.tail<3>()) * X.rotation;
-  rotation_.shift(log_rotation(seen.X_W_d.rotation * R_rule.transpose()) - Vector3(rotation_.value()));
-}
-
-void RaisedSpring::begin(const ImpedanceGains& before, const Matrix3& R_d, CartesianTarget& seen) {
-  const CartesianTarget led = before.led(seen, R_d);
-  const Vector6 slower = led.V_d.vector - seen.V_d.vector;
-  position_.push(slower.head<3>());
-  rotation_.push(inverse_left_jacobian(rotation_.value()) * slower.tail<3>());
-  seen.V_d = led.V_d;
-  seen.A_d.vector.setZero();
+  if (kept.tail<3>() != error.tail<3>()) {
+    seen.X_W_d.rotation = exp_rotation(kept.tail<3>()) * X.rotation;
+    rotation_.shift(log_rotation(seen.X_W_d.rotation * R_d.transpose()) - Vector3(rotation_.value()));
+  }
+  if (before.leads()) return;
+  // Nor does the set-point of an axis that had no stiffness set off at once.
+  const Vector3 r = rotation_.value();
+  position_.go(V_d.linear() - rule.V_d.linear());
+  rotation_.go(inverse_left_jacobian(r) * (V_d.angular() - exp_rotation(r) * rule.V_d.angular()));
   fed_ = 0;
+  seen.V_d = V_d;
+  seen.A_d.vector.setZero();
 }
 
 Vector6 RaisedSpring::raise(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d,
