@@ -482,8 +482,9 @@ Intervention Instance::update(const Tick& tick) try {
 
 namespace {
 
-// What lets go is damped, until this time later: springs that a feature had bent far may snap back.
-constexpr double kBrake = 20, kSettles = 1;  // [1/s] times the inertia, [s]
+// What is let go is damped, the more the faster it is, until kSettles later: springs that a feature had bent
+// far may snap back. What features drive is not.
+constexpr double kBrake = 20, kSettles = 1, kDrives = 0.05;  // [1/s] times the inertia, [s]
 
 // The pace, up to 1, at which a feature lets go of arms that it pressed, since the springs of the law pull
 // them back: the slower, the faster they already move. The speeds are those at which a set-point returns
@@ -525,7 +526,7 @@ Intervention Instance::run_features(const Tick& tick) {
   });
   const double pace = press ? letting_go(law_arms_, contact_) : 1;
   for (auto& arm : feature_arms_) arm.tau->setZero(static_cast<Eigen::Index>(arm.model().joint_count()));
-  lets_go_ = std::max(0.0, lets_go_ - dt_ / kSettles);
+  lets_go_ = std::max(0.0, lets_go_ - dt_ / (yields ? kSettles : kDrives));
   for (std::size_t i = 0; i < features_.size(); ++i) {
     FeatureSlot& slot = features_[i];
     const bool on = feature_on(i);
@@ -540,8 +541,8 @@ Intervention Instance::run_features(const Tick& tick) {
     if (on && result != LawResult::ok) return Intervention::controllet_fault;
   }
   for (OwnedArm& arm : feature_arms_) {
-    if (lets_go_ > 0 && arm.tau->size() == arm.dq().size())
-      *arm.tau -= lets_go_ * kBrake * arm.terms->M().lazyProduct(arm.dq());
+    if (lets_go_ > 0 && pace < 1 && arm.tau->size() == arm.dq().size())
+      *arm.tau -= lets_go_ * (1 - pace) * kBrake * arm.terms->M().lazyProduct(arm.dq());
   }
   return Intervention::none;
 }
