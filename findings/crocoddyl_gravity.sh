@@ -1,5 +1,5 @@
 #!/bin/bash
-# Guess: an arm without torques and without contacts falls in crocoddyl's forward dynamics, as gravity in its Pinocchio model says.
+# Guess: an arm without torques and contacts falls in crocoddyl's forward dynamics, as gravity in its Pinocchio model says.
 # So it is: DifferentialActionModelFreeFwdDynamics leaves gravity out, so that optimal control on top of it plans in space: an arm
 # at rest stays where it is with zero torques. DifferentialActionModelContactFwdDynamics with no contacts has gravity.
 # The right number: aba of the same Pinocchio, and M^-1 (tau - rnea) by hand; the difference is M^-1 times gravity's torque.

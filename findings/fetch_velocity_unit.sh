@@ -26,7 +26,7 @@ said = observation["observation"][5:8]
 jacobian = np.zeros((3, inside.model.nv))
 mujoco.mj_jacSite(inside.model, inside.data, jacobian, None, inside.model.site("robot0:grip").id)
 right = jacobian @ inside.data.qvel
-print(f"observation {said.round(4)}, right {right.round(4)} m/s, right times the period of {period} s {(right * period).round(4)}")
+print(f"observation {said.round(4)}; right {right.round(4)} m/s, times the period of {period} s {(right * period).round(4)}")
 assert np.linalg.norm(right) > 0.1
 assert np.allclose(said, right * period, rtol=1e-3, atol=1e-6), "this has changed"
 END

@@ -30,7 +30,8 @@ for name, height, steps, right in (("at rest", 0.1, 2000, 0.0), ("falling", 5.0,
     mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)
     difference = (data.sensordata[5] - before) / model.opt.timestep
-    print(f"{name}: framelinacc {said:+.3f}, mj_objectAcceleration {function[5]:+.3f}, from framelinvel {difference:+.3f}; right {right:+.3f} m/s^2")
+    print(f"{name}: framelinacc {said:+.3f}, mj_objectAcceleration {function[5]:+.3f},", end=" ")
+    print(f"from framelinvel {difference:+.3f}; right {right:+.3f} m/s^2")
     assert abs(difference - right) < 1e-6
     assert abs(said - (right + G)) < 1e-4 and abs(function[5] - (right + G)) < 1e-4, "this has changed"
 END

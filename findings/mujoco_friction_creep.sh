@@ -1,9 +1,9 @@
 #!/bin/bash
 # Guess: a joint whose frictionloss is twice the load on it stays where it is.
-# So it is: it creeps, for friction is a soft constraint: here at 1.2 degrees a second, 11 in the 10 s of the run. An unpowered arm
+# So it is: it creeps, for friction is a soft constraint: here at 1.2 degrees a second, 12 in 10 s. An unpowered arm
 # that friction should hold sinks, and a controller without an integral term meets no stiction. A solimpfriction near 1 slows it.
-# The right number: Coulomb's law says 0. The creep is load / (b A^-1 d / (1 - d)), from MuJoCo's description of its
-# constraints, with d = 0.9, b = 2 / (0.95 * 0.02 s) and the inertia A^-1 of the joint.
+# The right number: Coulomb's law says 0. The creep is load / (b I d / (1 - d)), from MuJoCo's description of its constraints,
+# with d = 0.9, b = 2 / (0.95 * 0.02 s) and the joint's inertia I.
 # Seen with mujoco-core 4.0.1 on 2026-11-30.
 set -euo pipefail
 folder=$(mktemp -d)

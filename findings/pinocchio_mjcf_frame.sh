@@ -43,7 +43,8 @@ for name, end in texts.items():
     mujoco.mj_forward(engine, state)
     gravity = pinocchio.computeGeneralizedGravity(model, model.createData(), np.zeros(model.nq))
     seen[name] = model.nv, gravity[0]
-    print(f"{name}: joints {engine.nv} in MuJoCo, {model.nv} in Pinocchio; torque of the first {state.qfrc_bias[0]:.2f}, {gravity[0]:.2f}; right {right:.2f} N m")
+    print(f"{name}: joints {engine.nv} in MuJoCo, {model.nv} in Pinocchio;", end=" ")
+    print(f"torque of the first {state.qfrc_bias[0]:.2f}, {gravity[0]:.2f}; right {right:.2f} N m")
     assert engine.nv == 2 and abs(state.qfrc_bias[0] - right) < 1e-9
 assert seen["no frame"][0] == 2 and abs(seen["no frame"][1] - right) < 1e-9
 assert seen["frame"][0] == 1 and abs(seen["frame"][1] + MASS * G * LENGTH) < 1e-9, "this has changed"

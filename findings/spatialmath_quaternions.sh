@@ -1,7 +1,7 @@
 #!/bin/bash
 # Guess: in spatialmath SO3 and UnitQuaternion are two ways to write a rotation, so that angles and interpolations agree.
-# So it is: angdist of two quaternions is half the angle between them, of two matrices the angle: a tolerance is twice as wide. And
-# interp of quaternions takes the long way around unless told otherwise, of matrices the short one: from 170 to -170 degrees
+# So it is: angdist of two quaternions is half the angle between them, of two matrices all of it: tolerances double. interp
+# of quaternions takes the long way around unless told otherwise, of matrices the short one: from 170 to -170 degrees
 # the wrist passes 0 instead of 180.
 # The right number: the angle of the relative rotation from its trace.
 # Seen with spatialmath-python 1.1.18 on 2026-11-30.
