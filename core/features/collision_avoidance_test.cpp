@@ -387,6 +387,21 @@ TEST(CollisionPairs, BasesThatDifferAnywhereAreTwoBodies) {
   }
 }
 
+// The first link has the same numbers in its frame as the base of the other arm has in the world.
+TEST(CollisionPairs, AFirstLinkIsNoBase) {
+  Models models;
+  for (const int joint : {0, -1}) {
+    auto source = TestArm::make(7).source({}, "arm" + std::to_string(models.size()));
+    source.collision_shapes = {{"link", joint, ConvexShape::sphere({0, 0, 0}, 0.1), {}, false}};
+    models.push_back(std::make_shared<const ArmModel>(std::move(source)));
+  }
+  for (const ArmIndex first : {ArmIndex{0}, ArmIndex{1}}) {
+    if (first == 1) std::swap(models[0], models[1]);
+    const std::vector<ArmIndex> own{first};
+    EXPECT_EQ(CollisionPairs(FeatureContext{models, own, {}, {}}).size(), 1u);
+  }
+}
+
 // A hull around a base is wider than the body: an arm that reaches into it is not thrown out. Other shapes
 // push it out gently enough.
 TEST(CollisionAvoidance, IsNotSwitchedOnWithinAHullOfABase) {
@@ -650,6 +665,23 @@ TEST(CollisionAvoidance, AnArmWithoutAnyStateIsLeftOut) {
     near += rig.tau(0).norm() > 0;
   }
   EXPECT_GT(near, 20);
+}
+
+TEST(CollisionAvoidance, AFirstLinkWithoutAnyStateIsLeftOut) {
+  Models models;
+  for (const int joint : {5, 0}) {
+    auto source = TestArm::make(7).source();
+    source.collision_shapes = {{"link", joint, ConvexShape::sphere({0, 0, 0}, 0.05), {}}};
+    models.push_back(std::make_shared<const ArmModel>(std::move(source)));
+  }
+  ControlletRig rig(collision_avoidance_feature(), models, {}, {0});
+  rig.place(1, zero(7) * NAN, zero(7));
+  rig.place(0, bent(7), zero(7));
+  ASSERT_EQ(rig.update(), LawResult::ok);
+  EXPECT_EQ(rig.output("smallest_distance_m")[0], 10);
+  rig.place(1, bent(7), zero(7));
+  ASSERT_EQ(rig.update(), LawResult::ok);
+  EXPECT_LT(rig.output("smallest_distance_m")[0], 10);
 }
 
 // Of its own arms, in either place.
