@@ -140,6 +140,12 @@ TEST(ContactBounds, LargestShareEndsOnTheLimit) {
         EXPECT_LE((base + extra).norm(), limit);
       }
     }
+    for (int k = 0; k < 100; ++k) {
+      const Vector3 across = some(random, limit / 2).head<3>();
+      const double left = left_beside(across, limit);
+      EXPECT_NEAR(std::hypot(across.norm(), left), std::max(limit, across.norm()), 1e-10 * limit);
+      EXPECT_GE(left, 0);
+    }
     // A base beyond the limit by rounding goes no farther.
     const Vector3 outside(0, limit * (1 + 1e-12), 0);
     EXPECT_EQ(largest_share(outside, 2 * outside, limit), 0);

@@ -81,6 +81,21 @@ TEST(PrismaticHold, AreHeldWithinTheBoundForContactAndStayWhereTheyArePut) {
   }
 }
 
+// A carriage bears no load that would throw it: its spring has the stiffness of now, and its force grows.
+TEST(PrismaticHold, TheirSetPointsStayWhileTheirStiffnessRises) {
+  ControlletRig rig(hold_controllet(), {axis(25)});
+  rig.set("stiffness_nm_per_rad", {5000});
+  rig.place(0, one(0.1), one(0));
+  ASSERT_EQ(rig.start(), LawResult::ok);
+  ASSERT_EQ(rig.tick(0.001), LawResult::ok);
+  rig.place(0, one(0.104), one(0));
+  rig.approach("stiffness_nm_per_rad", {10000});
+  for (int k = 1; k <= 250; ++k) {
+    ASSERT_EQ(rig.tick(0.001), LawResult::ok);
+    ASSERT_NEAR(rig.tau(0)[0], -0.004 * std::min(10000.0, 5000 + 25.0 * k), 1e-9);
+  }
+}
+
 // Shoved out of its range, it goes back to the limit, and not to where it was.
 TEST(PrismaticHold, AreLedBackToTheLimitBeyondWhichTheyWereShoved) {
   ControlletRig rig(hold_controllet(), {axis(25)});

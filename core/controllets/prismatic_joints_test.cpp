@@ -354,9 +354,12 @@ TEST(PrismaticJoints, AreDrivenByAFeatureAsAHandIs) {
   for (const double side : {1.0, -1.0}) {
     const JointVector push = side * 600 * JointVector::Unit(8, 0);
     for (const double pressed : {0.0, 0.5, 2.0}) {
-      law[0] = -side * pressed * most;
-      const double expected = most * (1 + std::min(1.0, pressed));
-      EXPECT_NEAR(side * BoundedDrive().limit(context, arm, push)[0], expected, 1e-9) << side << pressed;
+      for (const double pushed : {0.0, 0.25, -0.25}) {  // by another feature
+        law[0] = -side * pressed * most;
+        tau[0] = side * pushed * most;
+        const double expected = most * (1 - std::max(0.0, pushed) + std::clamp(pressed - pushed, 0.0, 1.0));
+        EXPECT_NEAR(side * BoundedDrive().limit(context, arm, push)[0], expected, 1e-9) << side << pressed;
+      }
     }
   }
 }

@@ -355,6 +355,53 @@ TEST(CollisionPairs, ArmsOfOneRobotHaveOneBase) {
   }
 }
 
+// Each of these differs from the first of its kind somewhere: another body, which both arms keep from.
+TEST(CollisionPairs, BasesThatDifferAnywhereAreTwoBodies) {
+  const auto hull = [](int moved) {
+    std::vector<Vector3> corners{{0, 0, 0}, {0.2, 0, 0}, {0, 0.3, 0}, {0, 0, -0.4}};
+    if (moved >= 0) corners[static_cast<std::size_t>(moved)].z() += 0.01;
+    return ConvexShape::hull(corners);
+  };
+  const std::vector<std::vector<ConvexShape>> kinds{
+      {hull(-1), hull(0), hull(1), hull(2), hull(3)},
+      {ConvexShape::capsule({0, 0, 0}, {0, 0, 0.1}, 0.1),
+       ConvexShape::capsule({0, 0, 0.01}, {0, 0, 0.1}, 0.1),
+       ConvexShape::capsule({0, 0, 0}, {0, 0, 0.11}, 0.1),
+       ConvexShape::capsule({0, 0, 0}, {0, 0, 0.1}, 0.11)},
+      {ConvexShape::sphere({0, 0, 0}, 0.1), ConvexShape::sphere({0, 0.01, 0}, 0.1)},
+      {ConvexShape::box({0.1, 0.2, 0.3}), ConvexShape::box({0.1, 0.21, 0.3})}};
+  for (const auto& kind : kinds) {
+    for (std::size_t other = 0; other < kind.size(); ++other) {
+      Models models;
+      for (const std::size_t k : {std::size_t{0}, other}) {
+        auto source = TestArm::make(7).source({}, "arm" + std::to_string(models.size()));
+        source.collision_shapes = {{"link0", -1, kind[k], {}, false},
+                                   {"link6", 5, ConvexShape::sphere({0, 0, 0.1}, 0.05), {}}};
+        source.self_pairs = {{0, 1}};
+        models.push_back(std::make_shared<const ArmModel>(std::move(source)));
+      }
+      const std::vector<ArmIndex> own{0, 1};
+      const CollisionPairs pairs(FeatureContext{models, own, {}, {}});
+      EXPECT_EQ(pairs.size(), other == 0 ? 3u : 5u) << other;
+    }
+  }
+}
+
+// The first link has the same numbers in its frame as the base of the other arm has in the world.
+TEST(CollisionPairs, AFirstLinkIsNoBase) {
+  Models models;
+  for (const int joint : {0, -1}) {
+    auto source = TestArm::make(7).source({}, "arm" + std::to_string(models.size()));
+    source.collision_shapes = {{"link", joint, ConvexShape::sphere({0, 0, 0}, 0.1), {}, false}};
+    models.push_back(std::make_shared<const ArmModel>(std::move(source)));
+  }
+  for (const ArmIndex first : {ArmIndex{0}, ArmIndex{1}}) {
+    if (first == 1) std::swap(models[0], models[1]);
+    const std::vector<ArmIndex> own{first};
+    EXPECT_EQ(CollisionPairs(FeatureContext{models, own, {}, {}}).size(), 1u);
+  }
+}
+
 // A hull around a base is wider than the body: an arm that reaches into it is not thrown out. Other shapes
 // push it out gently enough.
 TEST(CollisionAvoidance, IsNotSwitchedOnWithinAHullOfABase) {
@@ -431,6 +478,9 @@ TEST(CollisionAvoidance, IsNotSwitchedOnCloseToAHullOfABase) {
       const std::string pair = "link0.3 of arm 'left' and link6 of arm 'left' were too near";
       EXPECT_EQ(rig.start_condition().starts_with(pair), share < 0.2) << rig.start_condition();
       EXPECT_NE(rig.start_condition().find("a fifth of range_m"), std::string::npos);
+      rig.set("range_m", {0.005});  // no longer too near, so no pair is named
+      EXPECT_EQ(rig.start(), LawResult::ok);
+      EXPECT_EQ(rig.start_condition().find("link0.3"), std::string::npos);
     }
   }
 }
@@ -485,6 +535,33 @@ TEST(CollisionAvoidance, DampsApproachOnly) {
   EXPECT_GT(closing, 10);
   EXPECT_GT(opening, 10);
   EXPECT_GT(light, 3);
+}
+
+// As to an obstacle in the same place.
+TEST(CollisionAvoidance, AnArmBrakesTowardsItsOwnBase) {
+  const Pose X_WB{rotation_from_rpy({0.2, -0.4, 0.3}), {0.3, 0.2, 0.1}};
+  const ConvexShape ball = ConvexShape::sphere({0, 0, 0.3}, 0.3);
+  auto with_base = TestArm::make(7).source(X_WB);
+  with_base.collision_shapes = {{"link6", 5, ConvexShape::sphere({0, 0, 0}, 0.05), {}}};
+  auto bare = with_base;
+  with_base.collision_shapes.insert(with_base.collision_shapes.begin(), {"link0", -1, ball, {}, false});
+  with_base.self_pairs = {{0, 1}};
+  ControlletRig own(collision_avoidance_feature(), {std::make_shared<const ArmModel>(std::move(with_base))}),
+      other(collision_avoidance_feature(), {std::make_shared<const ArmModel>(std::move(bare))},
+            {{"ball", ball, X_WB}});
+  Draw draw(71);
+  int near = 0;
+  for (int trial = 0; trial < 400; ++trial) {
+    const JointVector q = draw.joints(7, 1.5), dq = draw.joints(7, 0.5);
+    for (ControlletRig* rig : {&own, &other}) {
+      rig->set("range_m", {0.3});
+      rig->place(0, q, dq);
+      ASSERT_EQ(rig->update(), LawResult::ok);
+    }
+    EXPECT_LT((own.tau(0) - other.tau(0)).norm(), 1e-9 * (1 + other.tau(0).norm()));
+    near += other.output("active_pairs")[0] > 0;
+  }
+  EXPECT_GT(near, 10);
 }
 
 // An arm of another owner is checked, but not pushed; the own arm gets the same torque as with one owner.
@@ -588,6 +665,23 @@ TEST(CollisionAvoidance, AnArmWithoutAnyStateIsLeftOut) {
     near += rig.tau(0).norm() > 0;
   }
   EXPECT_GT(near, 20);
+}
+
+TEST(CollisionAvoidance, AFirstLinkWithoutAnyStateIsLeftOut) {
+  Models models;
+  for (const int joint : {5, 0}) {
+    auto source = TestArm::make(7).source();
+    source.collision_shapes = {{"link", joint, ConvexShape::sphere({0, 0, 0}, 0.05), {}}};
+    models.push_back(std::make_shared<const ArmModel>(std::move(source)));
+  }
+  ControlletRig rig(collision_avoidance_feature(), models, {}, {0});
+  rig.place(1, zero(7) * NAN, zero(7));
+  rig.place(0, bent(7), zero(7));
+  ASSERT_EQ(rig.update(), LawResult::ok);
+  EXPECT_EQ(rig.output("smallest_distance_m")[0], 10);
+  rig.place(1, bent(7), zero(7));
+  ASSERT_EQ(rig.update(), LawResult::ok);
+  EXPECT_LT(rig.output("smallest_distance_m")[0], 10);
 }
 
 // Of its own arms, in either place.
@@ -747,6 +841,52 @@ TEST(BoundedDrive, OfFeaturesTogetherKeepsToTheBounds) {
     const Vector3 other = both(none, 2 * most * across, none);  // takes nothing from it
     EXPECT_LT((both(push, 2 * most * across, none) - both(push, none, none) - other).norm(), 1e-6);
   }
+}
+
+// By a tenth of the bound in 10 ms, along the force or about the moment that is nearer to its bound, and anew
+// after a cycle without a push.
+TEST(BoundedDrive, ComesInWithinATenthOfASecond) {
+  Draw draw(70);
+  const auto model = franka("fer", {});
+  ModelTerms terms(model);
+  ArmState state;
+  state.q = model->q_home();
+  state.dq = zero(7);
+  terms.update(state.q, state.dq);
+  JointVector tau = zero(7);
+  const OwnedArm arm{&state, &terms, &tau};
+  ControlContext context;
+  context.contact = {};
+  const Eigen::MatrixXd J = terms.J_V_WE(), M_inv = inverse(terms.M());
+  int light = 0;
+  for (int trial = 0; trial < 30; ++trial) {
+    Vector6 push = Vector6::Zero();
+    for (double& each : push) each = draw.uniform(-60, 60);
+    push.tail<3>() *= draw.coin() ? 0.02 : 0.5;
+    const JointVector torque = J.transpose() * push;
+    context.dt = 0.2;
+    const JointVector whole = BoundedDrive().limit(context, arm, torque);
+    // J^T push pulls with `push`; alone it reaches 0.9 of 0.25 m/s or 1 rad/s at this rate.
+    const Eigen::VectorXd ddq = M_inv * torque;
+    const double rate = std::max((J.topRows<3>() * ddq).norm() / 0.225, ddq.norm());
+    const double force = push.head<3>().norm() / 60, moment = push.tail<3>().norm() / 15;
+    const double part = std::min({1.0, 200 / rate, 1 / force, 1 / moment}),
+                 of_bounds = part * std::max(force, moment);
+    EXPECT_LT((whole - part * torque).norm(), 1e-9 * torque.norm());
+    light += part < 1 / std::max({1.0, force, moment});
+    BoundedDrive drive;
+    for (const int start : {1, 2}) {
+      for (int k = 1; k <= 110; ++k) {
+        context.dt = 0.001 * start;
+        const JointVector now = drive.limit(context, arm, torque);
+        const double share = std::min(1.0, 0.01 * start * k / of_bounds);
+        ASSERT_LT((now - share * whole).norm(), 1e-9 * (1 + whole.norm())) << trial << " " << k;
+      }
+      EXPECT_EQ(drive.limit(context, arm, zero(7)).norm(), 0);
+    }
+  }
+  EXPECT_GT(light, 3);
+  EXPECT_LT(light, 27);
 }
 
 }  // namespace

@@ -374,6 +374,70 @@ TEST(InstanceFeatures, NeverActWithMoreThanTheirTorque) {
   EXPECT_EQ(last, 0.5);
 }
 
+// Springs of the law pull back what a feature lets go: its fade and its parameters are the slower, the faster
+// the fastest arm moves already, up to 0.1 m/s or 0.5 rad/s. What presses nothing is not slowed.
+TEST(InstanceFeatures, LetGoTheSlowerTheFasterTheirArmsMove) {
+  test::Draw draw(58);
+  double least = 1, most = 0;
+  for (ArmIndex trial = 0; trial < 24; ++trial) {
+    InstanceConfig config{.name = "both", .type = "pair", .arms = {0, 1}, .features = {"push"}};
+    const bool lifted = trial % 8 == 0;
+    if (!lifted) config.contact = {};
+    TestLoop loop(2, {config}, test::test_registry());
+    loop.modes().activate_at_start(loop.set({"both"}));
+    std::array<JointVector, 2> q, dq;
+    double fastest = 0;
+    const auto step = [&](int count, bool moves) {
+      for (; count > 0; --count) {
+        for (const ArmIndex arm : {ArmIndex{0}, ArmIndex{1}}) {
+          loop.world.set_position(arm, q[arm]);
+          loop.world.set_velocity(arm, (moves ? 1 : 0) * dq[arm]);
+        }
+        loop.step();
+      }
+      return loop.cycle.data().tau_feature[1][2];
+    };
+    for (const ArmIndex arm : {ArmIndex{0}, ArmIndex{1}}) {
+      q[arm] = loop.models[arm]->q_home() + draw.joints(7, 0.1);
+      const double size = trial % 2 == arm ? 0.05 : 1;
+      dq[arm] =
+          size * (trial % 3 == 0 ? draw.uniform(0, 0.6) * JointVector::Unit(7, 6) : draw.joints(7, 0.15));
+      constexpr double h = 1e-5;
+      ModelTerms above(loop.models[arm]), below(loop.models[arm]);
+      above.update(q[arm] + h * dq[arm], dq[arm]);
+      below.update(q[arm] - h * dq[arm], dq[arm]);
+      const double hand = (above.X_WE().position - below.X_WE().position).norm() / (2 * h);
+      fastest = std::max({fastest, hand / 0.1, dq[arm].maxCoeff() / 0.5, -dq[arm].minCoeff() / 0.5});
+    }
+    const double pace = lifted ? 1 : std::max(0.05, 1 - fastest);
+    least = std::min(least, pace);
+    if (!lifted) most = std::max(most, pace);
+    ASSERT_EQ(step(210, false), 0.5);
+    const InstanceIndex both = loop.find("both");
+    const Instance& law = loop.modes().instance(both);
+    const auto post = [&](Request request) {
+      std::uint64_t ticket = 0;
+      ASSERT_EQ(loop.modes().post(std::span(&request, 1), ticket), Verdict::accepted);
+    };
+    Request value{.kind = Request::Kind::set_parameter, .instance = both, .size = 1, .values = {0}};
+    value.index = static_cast<std::uint16_t>(law.find_parameter("push.torque_nm"));
+    post(value);
+    EXPECT_NEAR(step(3, true), 0.5 - 3 * pace * 0.0025, 1e-9) << trial;
+    ASSERT_EQ(step(210, false), 0);
+    value.values[0] = 0.4;
+    post(value);
+    EXPECT_NEAR(step(1, true), 0.002, 1e-9) << trial;
+    EXPECT_NEAR(step(2, true), 0.002 + 2 * pace * 0.002, 1e-9) << trial;
+    ASSERT_EQ(step(210, false), 0.4);
+    Request off{.kind = Request::Kind::set_feature, .instance = both};
+    off.index = static_cast<std::uint16_t>(law.find_feature("push"));
+    post(off);
+    EXPECT_NEAR(step(3, true), 0.4 * (1 - 3 * pace / 200), 1e-9) << trial;
+  }
+  EXPECT_EQ(least, 0.05);
+  EXPECT_GT(most, 0.5);
+}
+
 TEST(InstanceInputs, AreRecordedInTheirOrderWithTheirSizes) {
   TestLoop loop(1, {{.name = "law", .type = "inputs", .arms = {0}}}, registry_with_inputs(), 2);
   loop.modes().activate_at_start(loop.set({"law"}));

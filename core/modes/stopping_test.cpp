@@ -63,6 +63,33 @@ TEST_F(Stopping, TheHoldOfAStoppedArmLeadsNoJointBack) {
   EXPECT_NEAR(loop.world.position(0)[0], limit, 1e-3);
 }
 
+// Its stiffness rose against a push, and its set-point was coming back.
+TEST_F(Stopping, TheHoldOfAStoppedArmBearsWhatARaisedStiffnessBore) {
+  loop.step();
+  const JointVector pushed = loop.world.position(0) + 0.05 * joint_constant(7, 1);
+  const auto steps = [&](int count) {
+    for (; count > 0; --count) {
+      loop.world.set_position(0, pushed);
+      loop.world.set_velocity(0, joint_constant(7, 0));
+      loop.step();
+    }
+    return loop.cycle.data().tau_controllet[0];
+  };
+  steps(1);
+  Request value{.kind = Kind::set_parameter, .instance = loop.find("arm0_hold"), .size = 7};
+  value.index = static_cast<std::uint16_t>(
+      loop.modes().instance(value.instance).find_parameter("stiffness_nm_per_rad"));
+  value.values.fill(900);
+  post(std::array{value});
+  const JointVector raised = steps(210);
+  loop.modes().stop(ArmSet::of(0));
+  const JointVector stopped = steps(1);
+  EXPECT_LT((stopped - raised).norm(), 0.2);
+  EXPECT_LT((steps(500) - stopped).norm(), 1e-9);
+  ASSERT_TRUE(loop.ask({.kind = Kind::resume, .arms = ArmSet::of(0)}).accepted());
+  EXPECT_GT(steps(3000).norm(), 1.2 * stopped.norm()) << "it had not come back";
+}
+
 // The same of an arm that its controllet owned when it was stopped.
 TEST_F(Stopping, AnArmThatIsStoppedBeyondItsLimitStaysThere) {
   ASSERT_TRUE(loop.activate({"s0"}).accepted());

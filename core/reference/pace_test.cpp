@@ -1,3 +1,4 @@
+#include <array>
 #include <cmath>
 #include <limits>
 #include <tuple>
@@ -111,26 +112,34 @@ TEST(Pace, AGoalThatWaitsIsCarriedAlongWithTheFrame) {
 }
 
 // Goals and streams that arrive while the hand is blocked do not draw the set-point on,
-// however fast they come.
+// however fast they come, and turn it no farther.
 TEST(Pace, TargetsThatArriveMeanwhileWait) {
-  for (const Delivery delivery : {Delivery::goal, Delivery::stream}) {
-    Reference reference = pose_reference();
-    const Pose goal = moved(reference, {0, 0, -0.3});
-    const Vector3 start = reference.pose().position;
-    Vector6 pull = Vector6::Zero();
-    pull.head<3>() << 0, 0, -60;
-    double t = 0;
-    for (int k = 0; k < 2000; ++k) {
-      Pose X = goal;
-      if (delivery == Delivery::stream) X.position.z() = start.z() - 0.25 * t;
-      ASSERT_EQ(reference.post(pose_target(X, 0, delivery)), Verdict::accepted);
-      reference.resist(pull, 1.2, 0);
-      reference.advance(kDt, t += kDt);
+  for (const bool turns : {false, true}) {
+    for (const Delivery delivery : {Delivery::goal, Delivery::stream}) {
+      Reference reference = pose_reference();
+      const Pose start = reference.pose();
+      const auto after = [&](double way) {
+        Pose X = start;
+        if (turns)
+          X.rotation = exp_rotation({0, 0, -way}) * X.rotation;
+        else
+          X.position.z() -= way;
+        return X;
+      };
+      const Pose goal = after(0.3);
+      const Vector6 pull = -60 * Vector6::Unit(turns ? 5 : 2);
+      double t = 0;
+      for (int k = 0; k < 2000; ++k) {
+        const Pose X = delivery == Delivery::stream ? after(0.25 * t) : goal;
+        ASSERT_EQ(reference.post(pose_target(X, 0, delivery)), Verdict::accepted);
+        reference.resist(pull, turns ? 0 : 1.2, turns ? 1.2 : 0);
+        reference.advance(kDt, t += kDt);
+      }
+      EXPECT_LT(pose_error(start, reference.pose()).norm(), 0.03);
+      if (delivery == Delivery::stream) continue;
+      for (int k = 0; k < 5000; ++k) reference.advance(kDt, t += kDt);
+      EXPECT_LT(pose_error(goal, reference.pose()).norm(), 1e-9);
     }
-    EXPECT_LT((reference.pose().position - start).norm(), 0.03);
-    if (delivery == Delivery::stream) continue;
-    for (int k = 0; k < 5000; ++k) reference.advance(kDt, t += kDt);
-    EXPECT_LT((reference.pose().position - goal.position).norm(), 1e-9);
   }
 }
 
@@ -280,6 +289,11 @@ TEST(Pace, FollowsThePullAsACriticallyDampedSecondOrder) {
     }
     advance_by(6000, 0);
     EXPECT_EQ(reference.pace(), 1) << share;
+    const Vector6 v = reference.twist().vector;
+    advance_by(1, 0);
+    const Vector6 a = reference.acceleration().vector;
+    advance_by(1, 0);  // nothing is left of the rate of the pace
+    EXPECT_LT(((reference.twist().vector - v) / 2e-4 - a).norm(), 1e-7) << share;
   }
 }
 
@@ -408,6 +422,41 @@ TEST(Pace, KeepsCarriagesWithinTheSpeedOfHands) {
       EXPECT_NEAR(reference.joints()[1], 0.5, 1e-6);
     }
   }
+}
+
+// A frame between hands: the farthest point of each hand is by its lever and that farther from the axis.
+TEST(Pace, FarthestPointsOfHandsOnALeverKeepToTheirSpeed) {
+  Reference reference({.name = "pose", .max_speed = 1, .max_angular_speed = 2}, 7);
+  reference.start(Pose{});
+  ASSERT_EQ(reference.post(pose_target({exp_rotation({0.9, 1.8, 0}), {}}, 1)), Verdict::accepted);
+  double fastest = 0;
+  for (int k = 1; k < 8000; ++k) {
+    reference.bound_hand_speed(0.25, 0.3);
+    reference.bound_points(0.25, {}, 0.2);
+    reference.advance(kDt, kDt * k);
+    fastest = std::max(fastest, reference.twist().angular().norm());
+  }
+  EXPECT_LT(fastest, 1.03 * 0.25 / 0.5);
+  EXPECT_GT(fastest, 0.9 * 0.25 / 0.5);
+}
+
+// Joints are no velocities of a pose: points of the hand that they do not move leave them their pace.
+TEST(Pace, JointsThatMoveNoPointOfTheHandAreNotSlowed) {
+  Reference reference({.name = "joints", .quantity = Quantity::joints, .max_speed = 2}, 7);
+  reference.start(joint_constant(7, 0));
+  Target target;
+  target.size = 7;
+  target.values.fill(1);
+  ASSERT_EQ(reference.post(target), Verdict::accepted);
+  double fastest = 0;
+  for (int k = 1; k < 3000; ++k) {
+    reference.bound_hand_speed(0.25, Jacobian::Zero(6, 7));
+    reference.bound_points(0.25, std::array{Vector3(0.3, 0, 0), Vector3(0, 0.3, 0.1)}, 0.4);
+    reference.advance(kDt, kDt * k);
+    ASSERT_EQ(reference.pace(), 1);
+    fastest = std::max(fastest, reference.joint_velocity()[3]);
+  }
+  EXPECT_GT(std::sqrt(3.0) * fastest, 0.25) << "the first three of a pose would be too fast";
 }
 
 // Without a Jacobian that is known, or before the first one, a joint reference keeps to its own limits.

@@ -17,7 +17,11 @@ void start(Reference& reference, Draw& draw) {
   } else if (reference.spec().quantity == Quantity::joints) {
     reference.start(draw.joints(7, 1));
   } else {
-    reference.start_constant(draw.uniform(-1, 1));
+    const double value = draw.uniform(-1, 1);
+    reference.start_constant(value);
+    double values[kMaxTargetValues]{}, rates[kMaxTargetValues]{};
+    reference.record(values, rates);
+    for (std::size_t i = 0; i < reference.size(); ++i) EXPECT_EQ(values[i], value);
   }
 }
 
