@@ -532,7 +532,7 @@ namespace {
 
 // What is let go is damped, the more the faster it is, until kSettles later: springs that a feature had bent
 // far may snap back. What features drive is not.
-constexpr double kBrake = 20, kSettles = 1, kDrives = 0.05;  // [1/s] times the inertia, [s]
+constexpr double kReleaseBrake = 20, kSettles = 1, kDrives = 0.05;  // [1/s] times the inertia, [s]
 
 // The pace, up to 1, at which a feature lets go of arms that it pressed, since the springs of the law pull
 // them back: the slower, the faster they already move. The speeds are those at which a set-point returns
@@ -590,7 +590,7 @@ Intervention Instance::run_features(const Tick& tick) {
   }
   for (OwnedArm& arm : feature_arms_) {
     if (lets_go_ > 0 && pace < 1 && arm.tau->size() == arm.dq().size())
-      *arm.tau -= lets_go_ * (1 - pace) * kBrake * arm.terms->M().lazyProduct(arm.dq());
+      *arm.tau -= lets_go_ * (1 - pace) * kReleaseBrake * arm.terms->M().lazyProduct(arm.dq());
   }
   return Intervention::none;
 }

@@ -266,7 +266,8 @@ HardwareSystem::Result HardwareSystem::read() noexcept {
     any = any || arm.shared.state.mode != ArmMode::disconnected;
     if (in_fault(arm.shared.state.mode) && arm.has_driven) arm.had_fault = true;
   }
-  if (MultimodeController* modes = shows_stopped_.load(std::memory_order_acquire)) modes->show_stopped(stopped);
+  if (MultimodeController* modes = shows_stopped_.load(std::memory_order_acquire))
+    modes->show_stopped(stopped);
   return any && fault_free() ? Result::ok : Result::lost;
 }
 

@@ -202,16 +202,15 @@ TEST(HardwareSystem, OurControllerOwnsOneArmAndAPositionControllerTheOther) {
 TEST(HardwareSystem, AStopOfAControllerReachesTheGrippersOfItsArms) {
   World world;
   auto& fixture = world.fixture;
-  auto cycle =
-      world.hosted("controllets: {pose: {type: cartesian_impedance, arms: left}}\nactive: pose\n");
+  auto cycle = world.hosted("controllets: {pose: {type: cartesian_impedance, arms: left}}\nactive: pose\n");
   const RunContext served = world.hardware.run_context();
   auto starts = fixture.efforts("left");
   std::ranges::copy(fixture.efforts("mj_left"), std::back_inserter(starts));
   ASSERT_EQ(fixture.change(starts), "");
   fixture.activate(*cycle);
   const auto begins = [&](ArmIndex arm) {
-    auto answer = request_arm(*served.modes, *served.backend, arm, GripperMove{.width = 0.02},
-                              served.newest(arm).mode);
+    auto answer =
+        request_arm(*served.modes, *served.backend, arm, GripperMove{.width = 0.02}, served.newest(arm).mode);
     const bool refused = answer.wait_for(std::chrono::seconds(0)) == std::future_status::ready;
     return refused ? answer.get().reason : world.wait_for(std::move(answer)).reason;
   };
