@@ -219,8 +219,7 @@ TEST(RaisedStiffness, SwitchedInMotionThrowsNoHand) {
   }
 }
 
-// A circle is streamed with 0.25 m/s. Each sample brought the whole speed back: 0.266 m/s, 0.271 at the
-// flange.
+// A circle is streamed with 0.25 m/s. With each sample the whole speed came back: 0.266 m/s.
 TEST(RaisedStiffness, SwitchedInAStreamThrowsNoHand) {
   for (const std::string type : {"cartesian_impedance", "ufic"}) {
     for (int plant = 0; plant < 2; ++plant) {

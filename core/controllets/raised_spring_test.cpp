@@ -346,8 +346,7 @@ TEST(RaisedJoints, TheTorqueOfTheSpringsStays) {
 }
 
 // From no stiffness, half a radian away: back with 0.5 rad/s, or 0.1 m/s of the hand, and within 0.8 of the
-// greatest speed of the hand together with a rule that moves the same joint; one that is faster is left
-// ahead.
+// greatest speed of the hand together with a rule that moves the same joint; a faster one is left ahead.
 TEST(RaisedJoints, ComesBackWithinTheSpeedOfTheHand) {
   Hand hand;
   ArmState state{.q = bent(7), .dq = joint_constant(7, 0)};
