@@ -30,8 +30,7 @@ struct TaskSpace {
   JointVector null_space_velocity(const Jacobian& J, const JointVector& dq) const;
 };
 
-// Eigenvalues of a symmetric matrix, in ascending order. Their solver takes seconds to compile wherever it is
-// used.
+// Eigenvalues of a symmetric matrix, in ascending order; one solver, because each takes seconds to compile.
 Vector6 eigenvalues(const Matrix6& A);
 
 // Inverse of the symmetric positive semi-definite A with its eigenvalues raised to kMobilityFloor. If A is
