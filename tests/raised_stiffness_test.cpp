@@ -179,8 +179,7 @@ PlantFidelity plant_of(int i) {
 }
 
 constexpr double kHandSpeed = 0.25;
-// Goals of joints alone reach 0.2545 m/s; two hands that were long without stiffness catch up.
-constexpr double kOvershoot = 1.06;
+constexpr double kOvershoot = 1.02;  // goals of joints alone reach 0.2545 m/s
 
 // A goal leads an arm there and back, while all its stiffnesses fall to nothing and rise to their greatest.
 TEST(RaisedStiffness, SwitchedInMotionThrowsNoHand) {
@@ -212,12 +211,52 @@ TEST(RaisedStiffness, SwitchedInMotionThrowsNoHand) {
           std::printf("%s: hand %.3f m/s, %.2f m\n", name.c_str(), bench.fastest, moved);
           series.record("hand_m_per_s", bench.fastest);
           EXPECT_TRUE(bench.owns()) << name << ", " << bench.positions();
-          const bool passes = type == "joint_impedance" || (two && every == 700);
-          EXPECT_LT(bench.fastest, (passes ? kOvershoot : 1) * kHandSpeed) << name;
+          EXPECT_LT(bench.fastest, (type == "joint_impedance" ? kOvershoot : 1) * kHandSpeed) << name;
           EXPECT_GT(moved, 0.03) << name;
         }
       }
     }
+  }
+}
+
+// A circle is streamed with 0.25 m/s. With each sample the whole speed came back: 0.27 m/s.
+TEST(RaisedStiffness, SwitchedInAStreamThrowsNoHand) {
+  for (const std::string type : {"cartesian_impedance", "ufic"}) {
+    for (int plant = 0; plant < 2; ++plant) {
+      Bench bench({.type = type, .plant = plant_of(plant)});
+      const Pose start = bench.X(0);
+      for (int k = 0; k < 8000; k += 50) {
+        const double angle = kHandSpeed / 0.08 * 1e-3 * (k < 1000 ? k * k / 2000.0 : k - 500.0);
+        const Vector3 p = 0.08 * Vector3(std::sin(angle), 1 - std::cos(angle), 0);
+        Target sample = pose_target({start.rotation, start.position + p}, 0);
+        sample.delivery = Delivery::stream;
+        ASSERT_EQ(bench.input().post(sample), Verdict::accepted);
+        if (k == 2100) bench.forget();
+        if (k >= 2100 && k % 700 == 0) bench.stiffness("", k / 700 % 2 == 0 ? 0.3 : 0);
+        bench.steps(50);
+      }
+      std::printf("%s, %s: %.3f m/s, flange %.3f m/s\n", type.c_str(), plant_of(plant).name.c_str(),
+                  bench.fastest, bench.farthest);
+      EXPECT_TRUE(bench.owns()) << type << plant;
+      EXPECT_LT(bench.farthest, 1.05 * kHandSpeed) << type << plant;  // what streams may exceed it by
+    }
+  }
+}
+
+// What was fed forward for an acceleration, of the rule or of a return, threw the end at 0.61 m/s.
+TEST(RaisedStiffness, BetweenTwoHandsAnAccelerationThrowsNoTool) {
+  for (const auto& [tool, every] : {std::pair{0.8, 700}, {0.0, 2000}, {0.8, 1500}}) {
+    Bench bench({.type = "coupled_dual_cartesian_impedance", .tool = tool});
+    bench.steps(300);
+    for (int k = 0; k < 12000; k += 10) {
+      if (k % every == 0) bench.stiffness("", k / every % 2 == 0 ? 0 : 0.3);
+      const double way = k / 2000 % 2 == 0 ? 1 : -1;
+      if (k % 2000 == 200) bench.go(way * Vector3(0.1, 0.2, -0.1), way * Vector3(0, 0.3, 0.3));
+      bench.steps(10);
+    }
+    std::printf("tool %.1f m, every %d ms: %.3f m/s\n", tool, every, bench.farthest);
+    EXPECT_TRUE(bench.owns()) << tool << every;
+    EXPECT_LT(bench.farthest, kHandSpeed) << tool << every;
   }
 }
 

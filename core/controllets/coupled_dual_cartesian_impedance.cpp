@@ -94,7 +94,7 @@ class CoupledDualCartesianImpedance final : public Controllet {
     const bool changed = before || relative_before;
     if (changed) {
       soften(frame, first, second, R_d, Lambda, was, relative_was);
-      absolute_.raise(was, gains, R_d, frame.X_WA, seen);
+      absolute_.raise(was, gains, rule, frame.X_WA, seen);
     }
     const CartesianTarget target = gains.led(seen, R_d);
     const TaskStiffness K_a = gains.stiffness(R_d);

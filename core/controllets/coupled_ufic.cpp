@@ -141,7 +141,7 @@ class CoupledUfic final : public Controllet {
     const bool changed = before || relative_before;
     if (changed) {
       soften(was, context, frame, Lambda);
-      absolute_.raise(was.absolute, settings.absolute, rule.X_W_d.rotation, frame.X_WA, seen);
+      absolute_.raise(was.absolute, settings.absolute, rule, frame.X_WA, seen);
     }
     seen = settings.absolute.led(seen, rule.X_W_d.rotation);
     const double dt = context.dt;

@@ -175,7 +175,7 @@ class Hold final : public Controllet {
   // returned it jumps no closer than the first time, or a stiffness that goes up and down would let the load
   // sink without end. Carriages slip. A stopped arm does not move.
   void raise(const JointVector& K, const JointVector& q, double dt) {
-    if (dt > 0) raised_.advance(kReturnSpeed, kReturnAcceleration, dt);
+    if (dt > 0) raised_.advance(JointVector::Zero(q.size()), kReturnSpeed, kReturnAcceleration, dt);
     const bool rises = K_before_.size() == K.size() && (K_before_.array() < K.array()).any();
     first_rise_ = rises && (first_rise_ || raised_.none());  // a rise takes many ticks
     if (rises) {

@@ -11,6 +11,10 @@ namespace multipanda {
 namespace {
 
 constexpr double kUsualSpeed = ContactBounds{}.hand_speed;
+constexpr double kFeeding = 0.5;  // in which the feed-forward of acceleration ends or returns [s]
+
+// The share of a speed that is within the greatest.
+double share_within(double speed, double most) { return speed > most ? most / speed : 1; }
 
 // The error, in the new axes, with the same spring force as before; no component larger than before.
 Vector6 kept_error(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d,
@@ -49,12 +53,19 @@ void ReturningOffset::shift(const JointVector& by) {
   none_ = false;
 }
 
-void ReturningOffset::advance(double speed, double acceleration, double dt) {
+void ReturningOffset::go(const JointVector& velocity) {
+  if (velocity == motion_.velocity()) return;
+  motion_.go(velocity);
+  none_ = false;
+}
+
+void ReturningOffset::advance(const JointVector& behind, double speed, double acceleration, double dt) {
   if (none_) return;
   const Eigen::Index n = value_.size();
   // The jerk lets it brake without passing its end (following_motion.hpp).
   const FollowingLimits limits{0, n, speed, acceleration, FollowingMotion::kPole * acceleration};
-  motion_.advance(motion_.desired(-value_, JointVector::Zero(n), limits, resistance_, dt), limits, dt);
+  const JointVector back = motion_.desired(-value_, JointVector::Zero(n), limits, resistance_, dt);
+  motion_.advance(back - behind, limits, dt);
   value_ += dt * motion_.velocity();
   constexpr double kThere = 1e-7, kRests = 1e-5;  // what is left then is less than a sensor resolves
   if (value_.norm() < kThere && motion_.velocity().norm() < kRests) start(n, resistance_.waits());
@@ -92,7 +103,7 @@ CartesianTarget RaisedSpring::follow(const ImpedanceGains& asked, const Cartesia
     ImpedanceGains was = *before, is = asked;
     was.soften(rule.X_W_d.rotation, terms);
     is.soften(rule.X_W_d.rotation, terms);
-    raise(was, is, rule.X_W_d.rotation, terms.X_WE(), target);
+    raise(was, is, rule, terms.X_WE(), target);
   }
   return target;
 }
@@ -112,21 +123,27 @@ std::optional<ImpedanceGains> RaisedSpring::changed(const ImpedanceGains& asked)
 
 void RaisedSpring::come_back(const Vector6& V_rule, double hand_speed, double lever, double dt) {
   if (none()) return;
+  const bool is_back = position_.none() && rotation_.none();
+  fed_ = std::clamp(fed_ + (is_back ? dt : -dt) / kFeeding, 0.0, 1.0);
   const double most = std::min(hand_speed, kUsualSpeed), together = ReturningOffset::kTogether * hand_speed;
-  const double turned = lever * V_rule.tail<3>().norm();
+  const double share_of_rule =
+      share_within(V_rule.head<3>().norm() + lever * V_rule.tail<3>().norm(), together);
+  const Vector6 V = share_of_rule * V_rule, behind = V_rule - V;
+  const double turned = lever * V.tail<3>().norm();
   const auto speed_of = [](const ReturningOffset& offset, double speed) {
     return Vector3(-speed * Vector3(offset.value()).normalized());
   };
   const double speed = ReturningOffset::kShare * most;
   const double share =
-      largest_share(V_rule.head<3>(), speed_of(position_, speed), std::max(0.0, together - turned));
-  position_.advance(share * speed, ReturningOffset::kSlides, dt);
+      largest_share(V.head<3>(), speed_of(position_, speed), std::max(0.0, together - turned));
+  position_.advance(behind.head<3>(), share * speed, ReturningOffset::kSlides, dt);
   double turning = ReturningOffset::kTurning * most / kUsualSpeed;
   if (lever > 0 && std::isfinite(hand_speed)) {
     const double left = together - turned - (V_rule.head<3>() + Vector3(position_.velocity())).norm();
     turning = std::min(turning, std::max(0.0, left) / lever);
   }
-  rotation_.advance(turning, ReturningOffset::kTurns, dt);
+  const Vector3 turns_behind = inverse_left_jacobian(-Vector3(rotation_.value())) * behind.tail<3>();
+  rotation_.advance(turns_behind, turning, ReturningOffset::kTurns, dt);
 }
 
 CartesianTarget RaisedSpring::seen(const CartesianTarget& rule) const {
@@ -142,20 +159,31 @@ CartesianTarget RaisedSpring::seen(const CartesianTarget& rule) const {
   target.A_d.linear() += Vector3(position_.acceleration());
   target.A_d.angular() = R * rule.A_d.angular() + own.cross(omega) + J * Vector3(rotation_.acceleration()) +
                          left_jacobian_rate(r, dr);
+  target.A_d.vector *= fed_;
   return target;
 }
 
-void RaisedSpring::raise(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d,
+void RaisedSpring::raise(const ImpedanceGains& before, const ImpedanceGains& now, const CartesianTarget& rule,
                          const Pose& X, CartesianTarget& seen) {
+  const Matrix3& R_d = rule.X_W_d.rotation;
   const Vector6 error = pose_error(seen.X_W_d, X);
   const Vector6 kept = kept_error(before, now, R_d, error);
   if (kept == error) return;
+  const Twist V_d = before.led(seen, R_d).V_d;
   position_.shift(kept.head<3>() - error.head<3>());
   seen.X_W_d.position = X.position + kept.head<3>();
-  if (kept.tail<3>() == error.tail<3>()) return;
-  const Matrix3 R_rule = exp_rotation(rotation_.value()).transpose() * seen.X_W_d.rotation;
-  seen.X_W_d.rotation = exp_rotation(kept.tail<3>()) * X.rotation;
-  rotation_.shift(log_rotation(seen.X_W_d.rotation * R_rule.transpose()) - Vector3(rotation_.value()));
+  if (kept.tail<3>() != error.tail<3>()) {
+    seen.X_W_d.rotation = exp_rotation(kept.tail<3>()) * X.rotation;
+    rotation_.shift(log_rotation(seen.X_W_d.rotation * R_d.transpose()) - Vector3(rotation_.value()));
+  }
+  if (before.leads()) return;
+  // Nor does the set-point of an axis that had no stiffness set off at once.
+  const Vector3 r = rotation_.value();
+  position_.go(V_d.linear() - rule.V_d.linear());
+  rotation_.go(inverse_left_jacobian(r) * (V_d.angular() - exp_rotation(r) * rule.V_d.angular()));
+  fed_ = 0;
+  seen.V_d = V_d;
+  seen.A_d.vector.setZero();
 }
 
 Vector6 RaisedSpring::raise(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d,
@@ -201,16 +229,20 @@ JointTarget RaisedJoints::follow(const JointVector& stiffness, const JointTarget
     const auto at = [](const Vector6& V, const Vector3& p) -> Vector3 {
       return V.head<3>() + V.tail<3>().cross(p);
     };
-    double reach = carriage_speed(J, way), share = 1;
-    for (const Vector3& p : points) reach = std::max(reach, at(back, p).norm());
+    double reach = carriage_speed(J, way), fastest = carriage_speed(J, rule.dq_d), share = 1;
+    for (const Vector3& p : points) {
+      reach = std::max(reach, at(back, p).norm());
+      fastest = std::max(fastest, at(ruled, p).norm());
+    }
+    const double together = ReturningOffset::kTogether * contact.hand_speed;
+    const double share_of_rule = share_within(fastest, together);
     const double most = std::min(contact.hand_speed, kUsualSpeed);
     const double speed =
         std::min(ReturningOffset::kTurning, ReturningOffset::kShare * most / std::max(1e-9, reach));
     for (const Vector3& p : points) {
-      share = std::min(share, largest_share(at(ruled, p), speed * at(back, p),
-                                            ReturningOffset::kTogether * contact.hand_speed));
+      share = std::min(share, largest_share(share_of_rule * at(ruled, p), speed * at(back, p), together));
     }
-    offset_.advance(share * speed, ReturningOffset::kJoints, dt);
+    offset_.advance((1 - share_of_rule) * rule.dq_d, share * speed, ReturningOffset::kJoints, dt);
   }
   if (!same) {
     // First the stiffnesses that fall, then those that rise: K e' = K_fallen e, all softened.

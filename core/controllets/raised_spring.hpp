@@ -10,6 +10,7 @@
 // arm at its set-point. Instead the spring sees another set-point from then on, so near that its force stays
 // as it is: K' x~' = K x~, which only takes energy. That set-point then returns to that of the rule, as a
 // motion of its own, within what the rule leaves of the hand's speed; it waits for an arm that cannot follow.
+// Meanwhile no acceleration is fed forward: near a singular pose its inertia would throw the hand.
 // Without a rise nothing changes, bit for bit. Loop thread, no allocation.
 namespace multipanda {
 
@@ -23,13 +24,15 @@ class ReturningOffset {
   // Of its pace, the rule's meanwhile: a hand that lagged behind catches up.
   static constexpr double kRule = 0.96;
   // As goals accelerate [m/s^2], [rad/s^2].
-  static constexpr double kSlides = 4, kTurns = 8, kJoints = 5;
+  static constexpr double kSlides = 2, kTurns = 4, kJoints = 5;
 
   void start(Eigen::Index coordinates, Resistance::Waits waits = Resistance::Waits::along);
   bool none() const { return none_; }
   void shift(const JointVector& by);
-  // One tick of the return, with at most this speed and acceleration.
-  void advance(double speed, double acceleration, double dt);
+  void go(const JointVector& velocity);  // from now on
+  // One tick of the return, with at most this speed and acceleration. `behind`: the velocity that the rule
+  // is left ahead with.
+  void advance(const JointVector& behind, double speed, double acceleration, double dt);
   // The pull of this tick, and its share of what is allowed: from the next tick on it waits.
   void resist(const JointVector& pull, double share, double dt);
 
@@ -51,13 +54,13 @@ double farthest_point(ModelTerms& terms);
 class RaisedSpring {
  public:
   RaisedSpring();
-  bool none() const { return position_.none() && rotation_.none(); }
+  bool none() const { return position_.none() && rotation_.none() && fed_ >= 1; }
 
   // The set-point that the spring of a hand sees in this tick. `asked`: gains before soften(), and bounds.
   CartesianTarget follow(const ImpedanceGains& asked, const CartesianTarget& rule, ModelTerms& terms,
                          double dt);
   void resist(const Vector6& pull, double force_share, double moment_share, double dt);
-  double pace() const { return none() ? 1 : ReturningOffset::kRule; }  // of the rule, at most
+  double pace() const { return none() ? 1 : ReturningOffset::kTogether; }  // of the rule, at most
 
   // Its parts, for springs of other coordinates.
   // The gains of the last tick, if these have other stiffnesses.
@@ -66,10 +69,9 @@ class RaisedSpring {
   // point of the hand.
   void come_back(const Vector6& V_rule, double hand_speed, double lever, double dt);
   CartesianTarget seen(const CartesianTarget& rule) const;
-  // The seen set-point after a change between softened gains. R_d: of the rule, along whose axes both
-  // stiffnesses lie.
-  void raise(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d, const Pose& X,
-             CartesianTarget& seen);
+  // The seen set-point after a change between softened gains, along the axes of the rule.
+  void raise(const ImpedanceGains& before, const ImpedanceGains& now, const CartesianTarget& rule,
+             const Pose& X, CartesianTarget& seen);
   // The same for coordinates that are a vector; returns the new error.
   Vector6 raise(const ImpedanceGains& before, const ImpedanceGains& now, const Matrix3& R_d,
                 const Vector6& error);
@@ -81,6 +83,7 @@ class RaisedSpring {
  private:
   ReturningOffset position_, rotation_;  // R_seen = exp(rotation) R_rule
   std::optional<ImpedanceGains> before_;
+  double fed_ = 1;  // share of the acceleration that is seen
   Pose X_FE_;
 };
 
@@ -91,7 +94,7 @@ class RaisedJoints {
   JointTarget follow(const JointVector& stiffness, const JointTarget& rule, const ContactBounds& contact,
                      OwnedArm& arm, double dt);
   void resist(const JointVector& pull, double share, double dt) { offset_.resist(pull, share, dt); }
-  double pace() const { return offset_.none() ? 1 : ReturningOffset::kRule; }
+  double pace() const { return offset_.none() ? 1 : ReturningOffset::kTogether; }
 
  private:
   ReturningOffset offset_;
