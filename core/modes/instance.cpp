@@ -316,6 +316,7 @@ LawResult Instance::start(const Tick& tick) try {
   dt_ = kArmPeriod;
   last_tick_ = tick.t + -kArmPeriodNs;
   still_share_ = stopped_ ? 1 : 0;
+  lets_go_ = 0;
   still_tau_.setZero(static_cast<Eigen::Index>(law_arms_[0].model().joint_count()));
   parameters_.finish();
   for (std::size_t i = 0; i < law_arms_.size(); ++i) X_FE_[i] = law_arms_[i].state->frames.X_FE;
@@ -481,6 +482,10 @@ Intervention Instance::update(const Tick& tick) try {
 
 namespace {
 
+// What is let go is damped, the more the faster it is, until kSettles later: springs that a feature had bent
+// far may snap back. What features drive is not.
+constexpr double kBrake = 20, kSettles = 1, kDrives = 0.05;  // [1/s] times the inertia, [s]
+
 // The pace, up to 1, at which a feature lets go of arms that it pressed, since the springs of the law pull
 // them back: the slower, the faster they already move. The speeds are those at which a set-point returns
 // after a raised stiffness (core/controllets/raised_spring.hpp).
@@ -516,18 +521,28 @@ LawResult Instance::update_faded(FeatureSlot& slot, ControlContext& context, dou
 Intervention Instance::run_features(const Tick& tick) {
   const bool press =
       std::ranges::any_of(feature_arms_, [](const OwnedArm& arm) { return !arm.tau->isZero(0); });
+  const bool yields = std::ranges::any_of(feature_arms_, [](const OwnedArm& arm) {
+    return arm.tau->size() == arm.dq().size() && arm.tau->dot(arm.dq()) < 0;
+  });
   const double pace = press ? letting_go(law_arms_, contact_) : 1;
   for (auto& arm : feature_arms_) arm.tau->setZero(static_cast<Eigen::Index>(arm.model().joint_count()));
+  lets_go_ = std::max(0.0, lets_go_ - dt_ / (yields ? kSettles : kDrives));
   for (std::size_t i = 0; i < features_.size(); ++i) {
     FeatureSlot& slot = features_[i];
     const bool on = feature_on(i);
     if (!on && slot.fade == 0) continue;
+    const std::uint64_t version = slot.parameters.version();
     slot.parameters.advance(pace * dt_);
+    if (yields && (!on || slot.parameters.version() != version)) lets_go_ = 1;
     ControlContext with = feature_context(slot, tick);
     const double goal = on ? 1 : 0;
     const LawResult result = slot.fade != goal ? update_faded(slot, with, goal) : slot.feature->update(with);
     if (!on && (slot.fade == 0 || result != LawResult::ok)) clear_outputs(slot);
     if (on && result != LawResult::ok) return Intervention::controllet_fault;
+  }
+  for (OwnedArm& arm : feature_arms_) {
+    if (lets_go_ > 0 && pace < 1 && arm.tau->size() == arm.dq().size())
+      *arm.tau -= lets_go_ * (1 - pace) * kBrake * arm.terms->M().lazyProduct(arm.dq());
   }
   return Intervention::none;
 }

@@ -176,6 +176,7 @@ class Instance {
   bool stopped_ = false;
   // Torque of a hold's features when its arm was stopped: it remains, and fades out after a resume.
   double still_share_ = 0;  // 1 while it is stopped
+  double lets_go_ = 0;      // 1 while a feature lets go, then fades
   JointVector still_tau_;   // (n x 1) [N m]
   ArmState at_rest_;
   std::vector<Pose> X_FE_;  // end effectors of the set-points

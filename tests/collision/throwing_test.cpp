@@ -329,7 +329,7 @@ TEST(Throwing, AStoppedArmStaysWhereItWasStopped) {
 
 // A feature that has pushed an arm away lets it go: by its range, by its stiffness or gain, switched off, or
 // off and on again while its range falls. Before, the spring of the law threw it at up to 0.6 m/s, or its
-// wrist too fast for it to go on.
+// wrist too fast for it to go on; bent far by manipulability, it snapped back at 0.28 m/s.
 TEST(Throwing, WhatAFeatureLetsGoComesBackSlowly) {
   struct Release {
     const char *feature, *parameters, *start, *change;
@@ -343,8 +343,13 @@ TEST(Throwing, WhatAFeatureLetsGoComesBackSlowly) {
                    "[2.6, -0.785, 0, -2.9, 0, 1.57, 0.785]", "stiffness_nm_per_rad"},
            Release{"joint_limits", "range_rad: 0.5, stiffness_nm_per_rad: 300",
                    "[2.6, -0.785, 0, -2.9, 0, 1.57, 0.785]", "off"},
+           Release{"manipulability", "gain_nm: 200, threshold: 1", "[0, -0.785, 0, -0.8, 0, 1.57, 0.785]",
+                   "gain_nm"},
+           Release{"manipulability", "gain_nm: 200, threshold: 1", "[0, -0.785, 0, -0.8, 0, 1.57, 0.785]",
+                   "off"},
        }) {
     for (const std::string law : {"cartesian_impedance", "joint_impedance", "hold"}) {
+      if (law == "hold" && std::string(r.feature) == "manipulability") continue;  // does not push it
       SceneArm arm;
       arm.model = "fer";
       const double z =
