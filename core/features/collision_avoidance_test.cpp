@@ -843,8 +843,8 @@ TEST(BoundedDrive, OfFeaturesTogetherKeepsToTheBounds) {
   }
 }
 
-// By a tenth of the bound in 10 ms, along the force or about the moment that is nearer to its bound, and again
-// after a cycle without a push.
+// By a tenth of the bound in 10 ms, along the force or about the moment that is nearer to its bound, and
+// again after a cycle without a push.
 TEST(BoundedDrive, ComesInWithinATenthOfASecond) {
   Draw draw(70);
   const auto model = franka("fer", {});
