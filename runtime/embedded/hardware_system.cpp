@@ -252,7 +252,7 @@ HardwareSystem::Result HardwareSystem::read() noexcept {
   ArmSet stopped;
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
     Arm& arm = arms_[i];
-    if (arm.shared.stopped) stopped |= ArmSet::of(i);
+    if (arm.shared.stopped > 0 && --arm.shared.stopped > 0) stopped |= ArmSet::of(i);
     if (due.contains(i)) {
       arm.shared.state = read_[i];
       publish(arm);

@@ -226,13 +226,16 @@ TEST(HardwareSystem, AStopOfAControllerReachesTheGrippersOfItsArms) {
   const Request resume{.kind = Request::Kind::resume, .arms = ArmSet::of(0)};
   std::uint64_t ticket = 0;
   ASSERT_EQ(cycle->modes().post({&resume, 1}, ticket), Verdict::accepted);
-  fixture.steps(2);
+  fixture.steps(SharedArmState::kStopped + 1);
   EXPECT_EQ(begins(0), "");
 
+  // A stop outlasts the controller that took it, but not for ever: nobody could resume the arm.
   cycle->modes().stop(ArmSet::of(0));
-  fixture.steps(2);
-  fixture.deactivate();  // nobody could resume the arm
   fixture.step();
+  fixture.deactivate();
+  fixture.steps(SharedArmState::kStopped / 2);
+  EXPECT_TRUE(gripper_stops(*served.modes, 0, served.newest(0).mode));
+  fixture.steps(SharedArmState::kStopped);
   EXPECT_FALSE(gripper_stops(*served.modes, 0, served.newest(0).mode));
 
   ASSERT_TRUE(world.ask(0, SetUserStop{true}).success);  // the arm's own button

@@ -97,7 +97,6 @@ bool HostedCycle::watch_arms() {
 }
 
 void HostedCycle::deactivate() noexcept {
-  backend_->share_stopped({});  // no one could resume them
   backend_->leave();
   modes().start_when_ready(0);
   if (trace_ && is_active()) trace_->end(cycle_->data().tick.cycle);

@@ -303,7 +303,8 @@ void InterfaceBackend::leave() {
 
 void InterfaceBackend::share_stopped(ArmSet stopped) {
   for (ArmIndex i = 0; i < arms_.size(); ++i) {
-    if (const SharedArmState* shared = arms_[i]->signals.shared) shared->stopped = stopped.contains(i);
+    const SharedArmState* shared = arms_[i]->signals.shared;
+    if (shared != nullptr && stopped.contains(i)) shared->stopped = SharedArmState::kStopped;
   }
 }
 

@@ -35,8 +35,10 @@ struct SharedArmState {
   // For requests to the arm; any thread but the loop's.
   Backend* backend = nullptr;
   ArmIndex arm = 0;
-  // Written by the controller in update(): it has stopped this arm, so the hardware stops the arm's gripper.
-  mutable bool stopped = false;
+  // Readings for which the hardware stops the arm's gripper: set in each update() of a controller that has
+  // stopped the arm, counted down in read(). So a stop outlasts the controller that took it, but not for long.
+  mutable int stopped = 0;
+  static constexpr int kStopped = 100;
 
   static Headers this_build();
 };
