@@ -247,11 +247,10 @@ void ArmPort::publish() {
   fill(state_, message_id_, arm_, config_.fixed);
   if (motion_.runs && is_external(state_)) {
     // A motion begins at zero, although the motors hold the arm until the first command is taken. After that,
-    // the arm reports the torque that it just took, although the motors or the world are still at an older
-    // one: rate limiters and low-passes of client libraries count from it as from their last command.
+    // the arm reports the torque that it just took, although the world has not yet advanced with it.
     if (!motion_.commanded) {
       show_torque_taken(state_, joint_constant(kWireJoints, 0));
-    } else if (!config_.torque_in_use) {
+    } else if (config_.own_clock) {
       show_torque_taken(state_, command_.tau_J_d);
     }
   }

@@ -60,8 +60,7 @@ struct ArmPortConfig {
   bool lockstep = false;
   // An answer is valid only for the last state and within kAnswerTime after it was sent.
   bool strict = false;
-  bool own_clock = false;      // stepped() is called at the arm's own times, between steps of the world
-  bool torque_in_use = false;  // tau_J_d is behind the motors' delay, otherwise the torque taken last
+  bool own_clock = false;  // stepped() is called at the arm's own times, between steps of the world
   FixedConfig fixed;
   ModelDownload model;
   std::uint64_t seed = 1;  // of injected faults

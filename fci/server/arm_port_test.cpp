@@ -684,36 +684,6 @@ TEST_F(RealTimeArm, anArmWithAClockOfItsOwnIsControlledAsAnyOther) {
   EXPECT_TRUE(seen);
 }
 
-// Client libraries limit and filter torques from it, as from their last command.
-TEST(VirtualArms, showTheTorqueTakenLastWhateverItsMotorsAreAt) {
-  Scene scene = multipanda::test::scene_of({multipanda::test::arm_named("left")}, PlantFidelity::realistic());
-  scene.plant.command_delay_s = 0.003;
-  VirtualArms arms(scene, {.places = {{.address = test::own_address(0),
-                                       .port = 0,
-                                       .gripper_port = 0,
-                                       .vacuum_port = 0,
-                                       .versions = VersionRange{}}},
-                           .pace = WorldPace::lockstep});
-  arms.start();
-  TestProgram program(arms.place(0));
-  for (int motion = 0; motion < 2; ++motion) {
-    RobotState state = program.begin_torques();
-    EXPECT_EQ(state.tau_J_d[6], 0) << motion;
-    state = program.step_in(state);
-    for (int k = 1; k <= 6; ++k) {
-      RobotCommand command = program.torques(state);
-      command.tau_J_d[6] = 0.25 * k;
-      program.command(command);
-      state = program.read();
-      EXPECT_EQ(state.tau_J_d[6], 0.25 * k) << motion;
-    }
-    RobotCommand last = program.torques(state, true);
-    last.tau_J_d[6] = 1.5;
-    program.command(last);
-    EXPECT_EQ(program.reply(program.move()), Status::success);
-  }
-}
-
 TEST(ArmClocks, driftByTheirRateAndNeverShortenAnAnswersTime) {
   const HostTime begin{5'000'000'000};
   for (const double ppm : {-50.0, 0.0, 50.0, 400.0}) {

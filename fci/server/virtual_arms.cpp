@@ -20,10 +20,6 @@ Scene prepared(Scene scene, bool grippers) {
   return scene;
 }
 
-bool has_real_sensors(const Scene& scene, const VirtualArmOptions& options) {
-  return options.real_sensors && scene.plant.name.starts_with("realistic");
-}
-
 ArmPlace default_place(ArmIndex arm) { return {.address = "127.0.0." + std::to_string(arm + 1)}; }
 
 ArmPortConfig port_config(const Scene& scene, ArmIndex i, const ArmPlace& place,
@@ -32,14 +28,12 @@ ArmPortConfig port_config(const Scene& scene, ArmIndex i, const ArmPlace& place,
   const RobotDescription robot = robot_of(arm);
   FixedConfig fixed = fixed_config(arm);
   if (place.versions) fixed.versions = *place.versions;
-  const bool own_clock = options.pace == WorldPace::realtime && (options.strict || !options.clocks.empty());
   return {.name = arm.name,
           .address = place.address,
           .port = place.port,
           .lockstep = options.pace == WorldPace::lockstep,
           .strict = options.strict,
-          .own_clock = own_clock,
-          .torque_in_use = !has_real_sensors(scene, options) && !own_clock,
+          .own_clock = options.pace == WorldPace::realtime && (options.strict || !options.clocks.empty()),
           .fixed = std::move(fixed),
           .model = {.urdf = model_urdf(robot), .library = model_library(robot, options.library)},
           .seed = options.seed + 2 * i};
@@ -55,7 +49,8 @@ void let_rotors_act(Scene& scene) {
 VirtualArms::VirtualArms(Scene scene, VirtualArmOptions options)
     : scene_(prepared(std::move(scene), options.grippers)),
       options_(std::move(options)),
-      plant_(scene_, {.timeline_waits = true, .real_sensors = has_real_sensors(scene_, options_)}),
+      plant_(scene_, {.timeline_waits = true,
+                      .real_sensors = options_.real_sensors && scene_.plant.name.starts_with("realistic")}),
       view_(plant_),
       pushes_(plant_.arm_count()),
       faults_(plant_.arm_count(), options_.faults) {

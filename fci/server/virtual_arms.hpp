@@ -90,8 +90,7 @@ struct VirtualArmOptions {
   std::vector<ClockOffset> clocks;
   LibraryModel library = LibraryModel::own;  // what arms send up to protocol version 9
   // With fidelity `realistic`, sensors and estimates as on real arms (MujocoPlant's PlantOptions), which are
-  // not part of any model: off where a simulation is compared with its own model. Without them, tau_J_d in
-  // lock-step is the torque in use, by which the motors' delay is found.
+  // not part of any model: off where a simulation is compared with its own model.
   bool real_sensors = true;
   bool grippers = true;     // of the hands and vacuum grippers in the scene, at their own ports
   DatagramFaults faults{};  // of every arm, from the start
