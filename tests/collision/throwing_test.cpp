@@ -71,7 +71,7 @@ struct Kind {
 };
 const Kind kAvoidance{
     "collision_avoidance",
-    {{"range_m", 0.005, 0.3}, {"stiffness_n_per_m", 0, 2000}, {"damping_n_s_per_m", 0, 1000}}};
+    {{"range_m", 0.005, 0.3}, {"stiffness_n_per_m", 0, 1500}, {"damping_n_s_per_m", 0, 1000}}};
 const Kind kLimits{
     "joint_limits",
     {{"range_rad", 0.01, 0.5}, {"stiffness_nm_per_rad", 0, 300}, {"damping_nms_per_rad", 0, 20}}};
@@ -337,8 +337,9 @@ TEST(Throwing, WhatAFeatureLetsGoComesBackSlowly) {
   for (const Release& r : {
            Release{"collision_avoidance", "range_m: 0.3", "ready", "range_m"},
            Release{"collision_avoidance", "range_m: 0.3", "ready", "stiffness_n_per_m"},
-           Release{"collision_avoidance", "range_m: 0.3, stiffness_n_per_m: 2000", "ready", "range_m"},
-           Release{"collision_avoidance", "range_m: 0.3, stiffness_n_per_m: 2000", "ready", "stiffness_n_per_m"},
+           Release{"collision_avoidance", "range_m: 0.3, stiffness_n_per_m: 1500", "ready", "range_m"},
+           Release{"collision_avoidance", "range_m: 0.3, stiffness_n_per_m: 1500", "ready",
+                   "stiffness_n_per_m"},
            Release{"collision_avoidance", "range_m: 0.3", "ready", "off"},
            Release{"collision_avoidance", "range_m: 0.3", "ready", "off and on"},
            Release{"joint_limits", "range_rad: 0.5, stiffness_nm_per_rad: 300",
