@@ -410,6 +410,11 @@ TEST(InstanceFeatures, LetGoTheSlowerTheFasterTheirArmsMove) {
       fastest = std::max({fastest, hand / 0.1, dq[arm].maxCoeff() / 0.5, -dq[arm].minCoeff() / 0.5});
     }
     const double pace = lifted ? 1 : std::max(0.05, 1 - fastest);
+    // Arms that move against the push are braked, by 20 1/s times their momentum.
+    ModelTerms terms(loop.models[1]);
+    terms.update(q[1], dq[1]);
+    const bool yields = dq[0].sum() < 0 || dq[1].sum() < 0;
+    const double brake = yields ? -20 * (1 - pace) * terms.M().row(2).dot(dq[1]) : 0;
     least = std::min(least, pace);
     if (!lifted) most = std::max(most, pace);
     ASSERT_EQ(step(210, false), 0.5);
@@ -422,17 +427,17 @@ TEST(InstanceFeatures, LetGoTheSlowerTheFasterTheirArmsMove) {
     Request value{.kind = Request::Kind::set_parameter, .instance = both, .size = 1, .values = {0}};
     value.index = static_cast<std::uint16_t>(law.find_parameter("push.torque_nm"));
     post(value);
-    EXPECT_NEAR(step(3, true), 0.5 - 3 * pace * 0.0025, 1e-9) << trial;
+    EXPECT_NEAR(step(3, true), 0.5 - 3 * pace * 0.0025 + brake, 1e-9) << trial;
     ASSERT_EQ(step(210, false), 0);
     value.values[0] = 0.4;
     post(value);
     EXPECT_NEAR(step(1, true), 0.002, 1e-9) << trial;
-    EXPECT_NEAR(step(2, true), 0.002 + 2 * pace * 0.002, 1e-9) << trial;
+    EXPECT_NEAR(step(2, true), 0.002 + 2 * pace * 0.002 + brake, 1e-9) << trial;
     ASSERT_EQ(step(210, false), 0.4);
     Request off{.kind = Request::Kind::set_feature, .instance = both};
     off.index = static_cast<std::uint16_t>(law.find_feature("push"));
     post(off);
-    EXPECT_NEAR(step(3, true), 0.4 * (1 - 3 * pace / 200), 1e-9) << trial;
+    EXPECT_NEAR(step(3, true), 0.4 * (1 - 3 * pace / 200) + brake, 1e-9) << trial;
   }
   EXPECT_EQ(least, 0.05);
   EXPECT_GT(most, 0.5);
