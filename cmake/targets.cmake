@@ -12,16 +12,23 @@ set(MULTIPANDA_PROGRAM_LEVEL $<$<CONFIG:Release>:$<IF:$<BOOL:${MULTIPANDA_SIMULA
 # Most of a file's compile time goes into Eigen, the standard library, GoogleTest and the headers that nearly all include.
 # With MULTIPANDA_PCH (set by the presets) they are parsed once for libraries, programs and tests each.
 if(MULTIPANDA_PCH)
+  set(MULTIPANDA_PCH_LIBRARIES "")
+  if(CMAKE_CXX_COMPILER_ID STREQUAL "Clang")  # GCC refuses headers whose definitions a file does not have
+    set(MULTIPANDA_PCH_LIBRARIES <fmt/format.h> <fmt/ranges.h> <nlohmann/json.hpp>)
+  endif()
   set(MULTIPANDA_PCH_HEADERS <algorithm> <array> <atomic> <chrono> <cmath> <filesystem> <functional> <future> <map>
       <memory> <optional> <random> <span> <stdexcept> <string> <thread> <vector> <Eigen/Core> <Eigen/Geometry>
-      <fmt/format.h> <fmt/ranges.h> <nlohmann/json.hpp>
-      ${CMAKE_SOURCE_DIR}/core/cycle/backend.hpp ${CMAKE_SOURCE_DIR}/core/controllets/controllet.hpp)
+      ${MULTIPANDA_PCH_LIBRARIES} ${CMAKE_SOURCE_DIR}/core/cycle/backend.hpp
+      ${CMAKE_SOURCE_DIR}/core/controllets/controllet.hpp)
   if(NOT EXISTS ${CMAKE_BINARY_DIR}/pch.cpp)  # a newer one would trigger a full rebuild
     file(WRITE ${CMAKE_BINARY_DIR}/pch.cpp "")
   endif()
   function(multipanda_pch name)
     target_include_directories(${name} PRIVATE ${CMAKE_SOURCE_DIR})
-    target_link_libraries(${name} PRIVATE multipanda_flags Eigen3::Eigen fmt::fmt nlohmann_json::nlohmann_json)
+    target_link_libraries(${name} PRIVATE multipanda_flags Eigen3::Eigen)
+    if(MULTIPANDA_PCH_LIBRARIES)
+      target_link_libraries(${name} PRIVATE fmt::fmt nlohmann_json::nlohmann_json)
+    endif()
     target_precompile_headers(${name} PRIVATE ${MULTIPANDA_PCH_HEADERS} ${ARGN})
   endfunction()
   add_library(multipanda_pch STATIC ${CMAKE_BINARY_DIR}/pch.cpp)
@@ -29,7 +36,7 @@ if(MULTIPANDA_PCH)
   # Programs of commands (multipanda_program in cli): not optimized.
   add_library(multipanda_program_pch STATIC EXCLUDE_FROM_ALL ${CMAKE_BINARY_DIR}/pch.cpp)
   multipanda_pch(multipanda_program_pch <CLI/CLI.hpp>)
-  target_link_libraries(multipanda_program_pch PRIVATE CLI11::CLI11)
+  target_link_libraries(multipanda_program_pch PRIVATE CLI11::CLI11 fmt::fmt)
   target_compile_options(multipanda_program_pch PRIVATE ${MULTIPANDA_PROGRAM_LEVEL})
   # An executable like the tests: precompiled headers of libraries (-fPIC) and programs (-fPIE) are incompatible.
   add_executable(multipanda_test_pch EXCLUDE_FROM_ALL ${CMAKE_BINARY_DIR}/pch.cpp)
