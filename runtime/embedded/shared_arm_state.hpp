@@ -36,8 +36,7 @@ struct SharedArmState {
   Backend* backend = nullptr;
   ArmIndex arm = 0;
   // Readings for which the hardware stops the arm's gripper: set in each update() of a controller that has
-  // stopped the arm, counted down in read(). So a stop outlasts the controller that took it, but not for
-  // long.
+  // stopped the arm, counted down in read(). A stop outlasts the controller that took it, briefly.
   mutable int stopped = 0;
   static constexpr int kStopped = 100;
 
