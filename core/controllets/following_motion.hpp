@@ -61,7 +61,7 @@ class FollowingMotion {
   void advance(const JointVector& v_w, const FollowingLimits& limits, double dt);
 
   bool rests() const;  // or almost
-  void go(const JointVector& velocity) { v_ = velocity; }
+  void go(const JointVector& velocity) { v_ = velocity; }  // sets it; the acceleration stays
   const JointVector& velocity() const { return v_; }
   const JointVector& acceleration() const { return a_; }
   // The coordinates are those of a twist, about another point of the same body: p further, in the same axes.

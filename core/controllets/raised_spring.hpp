@@ -21,17 +21,15 @@ class ReturningOffset {
   // A hand that damping pulls after both exceeds their sum, two hands by up to a quarter.
   static constexpr double kShare = 0.4, kTogether = 0.8;
   static constexpr double kTurning = 0.5;  // [rad/s]
-  // Of its pace, the rule's meanwhile: a hand that lagged behind catches up.
-  static constexpr double kRule = 0.96;
-  // As goals accelerate [m/s^2], [rad/s^2].
+  // Of a hand half of what goals accelerate with, of joints as much [m/s^2], [rad/s^2].
   static constexpr double kSlides = 2, kTurns = 4, kJoints = 5;
 
   void start(Eigen::Index coordinates, Resistance::Waits waits = Resistance::Waits::along);
   bool none() const { return none_; }
   void shift(const JointVector& by);
-  void go(const JointVector& velocity);  // from now on
+  void go(const JointVector& velocity);  // sets its velocity
   // One tick of the return, with at most this speed and acceleration. `behind`: the velocity that the rule
-  // is left ahead with.
+  // is left ahead with, in the offset's coordinates.
   void advance(const JointVector& behind, double speed, double acceleration, double dt);
   // The pull of this tick, and its share of what is allowed: from the next tick on it waits.
   void resist(const JointVector& pull, double share, double dt);

@@ -85,7 +85,7 @@ class ControlCycle {
  public:
   // Throws std::invalid_argument if arms, models and controllets do not match.
   // `spent`: a cycle of the same config and registry that has run, on any backend; its large parts are used
-  // again, as new. The result is that of building all of it, to the bit, in a tenth of the time.
+  // again, as new. The result is that of building all of it, to the bit.
   ControlCycle(const CycleConfig& config, const Registry& registry, Backend& backend,
                std::unique_ptr<ControlCycle> spent = nullptr);
   ControlCycle(const ControlCycle&) = delete;
