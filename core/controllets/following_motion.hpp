@@ -60,7 +60,7 @@ class FollowingMotion {
   // `v_w`: of these coordinates only.
   void advance(const JointVector& v_w, const FollowingLimits& limits, double dt);
 
-  bool rests() const;  // or almost
+  bool rests() const;                                      // or almost
   void go(const JointVector& velocity) { v_ = velocity; }  // sets it; the acceleration stays
   const JointVector& velocity() const { return v_; }
   const JointVector& acceleration() const { return a_; }

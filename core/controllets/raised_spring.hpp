@@ -21,7 +21,7 @@ class ReturningOffset {
   // A hand that damping pulls after both exceeds their sum, two hands by up to a quarter.
   static constexpr double kShare = 0.4, kTogether = 0.8;
   static constexpr double kTurning = 0.5;  // [rad/s]
-  // Of a hand half of what goals accelerate with, of joints as much [m/s^2], [rad/s^2].
+  // Hands return with half of the acceleration of goals, joints with all of it [m/s^2], [rad/s^2].
   static constexpr double kSlides = 2, kTurns = 4, kJoints = 5;
 
   void start(Eigen::Index coordinates, Resistance::Waits waits = Resistance::Waits::along);
