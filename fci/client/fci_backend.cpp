@@ -150,15 +150,18 @@ std::future<RequestAnswer> FciBackend::request(ArmIndex arm, GripperRequest requ
 
 // --- start and finish ---
 
-// The loop's thread reads the arms' states while their commanders work. `beginning`: the arms start; late
-// arms are no longer waited for.
+// The loop's thread reads the arms' states while their commanders work. `beginning`: the arms start; those
+// that do not move yet are not waited for without limit. One that is held here moves: only its commander is late.
 std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
     std::vector<std::future<RequestAnswer>> futures, bool beginning) {
   using std::chrono::seconds;
   std::vector<RequestAnswer> answers(futures.size());
+  const auto is_ready = [&](std::size_t i) {
+    return futures[i].wait_for(seconds(0)) == std::future_status::ready;
+  };
   const HostTime since = host_now();
   for (std::size_t i = 0; i < futures.size();) {
-    if (futures[i].wait_for(seconds(0)) == std::future_status::ready) {
+    if (is_ready(i)) {
       answers[i] = futures[i].get();
       ++i;
       continue;
@@ -166,19 +169,25 @@ std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
     sleep_until(later(host_now(), 0.001));
     receive_all();
     hold(since);
-    const auto longest = [](const auto& a, const auto& b) { return a->held_packets() < b->held_packets(); };
-    const int held = (*std::max_element(arms.begin(), arms.end(), longest))->held_packets();
-    if (!beginning || options.lockstep || held <= options.longest_wait_packets) continue;
+    if (!beginning || options.lockstep) continue;
+    int held = 0;
+    bool late = false;
+    for (std::size_t k = 0; k < arms.size(); ++k) {
+      held = std::max(held, arms[k]->held_packets());
+      late = late || (k >= i && arms[k]->held_packets() == 0 && !is_ready(k));
+    }
+    if (!late || held <= options.longest_wait_packets) continue;
     for (; i < futures.size(); ++i) {
       const std::string& name = arms[i]->config().name;
-      answers[i] =
-          futures[i].wait_for(seconds(0)) == std::future_status::ready
-              ? futures[i].get()
-              : RequestAnswer{false,
-                              "arm " + name +
-                                  " did not begin its torque motion while the others were held for " +
-                                  std::to_string(held) +
-                                  " packets: start again; if it recurs, look at the arm's page in Desk"};
+      if (is_ready(i)) {
+        answers[i] = futures[i].get();
+      } else if (arms[i]->held_packets() == 0) {
+        answers[i] = {false, "arm " + name + " did not begin its torque motion while the others were held for " +
+                                 std::to_string(held) +
+                                 " packets: start again; if it recurs, look at the arm's page in Desk"};
+      } else {
+        answers[i] = {true, {}};
+      }
     }
   }
   receive_all();

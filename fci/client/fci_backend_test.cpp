@@ -886,6 +886,27 @@ TEST_F(Backends, AnArmThatHasBegunIsHeldUntilTheOthersBeginOrTheStartIsGivenUp) 
   EXPECT_GE(fakes_[0]->commands_waiting(), 29u);
 }
 
+// An arm that moves is not late, however late the answer to its request: no other arm waits for it.
+TEST_F(Backends, AnArmThatMovesIsNotGivenUpWhenItsAnswerComesLate) {
+  fakes_[0]->withhold(Command::move);
+  std::thread arm([&] {
+    const auto until = [](auto&& condition) {
+      const HostTime since = host_now();
+      while (!condition() && seconds(host_now() - since) < 20) std::this_thread::yield();
+    };
+    until([&] {
+      const auto all = fakes_[0]->asked();
+      return !all.empty() && all.back().command == Command::move;
+    });
+    fakes_[0]->change([](RobotState& s) { s.robot_mode = static_cast<std::uint8_t>(RobotMode::move); });
+    until([&] { return fakes_[0]->commands_waiting() > 60; });
+    fakes_[0]->release(Command::move);
+  });
+  FciBackend backend({config(0)}, {.longest_wait_packets = 30, .model_check = ModelCheck::off});
+  EXPECT_NO_THROW(backend.start());
+  arm.join();
+}
+
 // At the end the arm is held until it has left its motion: the last torque alone would keep pushing it.
 TEST_F(Backends, FinishHoldsTheArmUntilItHasLeftItsMotion) {
   begin();

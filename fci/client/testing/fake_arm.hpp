@@ -31,6 +31,7 @@ class FakeArm {
   // --- script, before or while it is used ---
   void answer(Command command, Status status);  // instead of success
   void withhold(Command command);               // no answer at all
+  void release(Command command);                // the answer to the last that was withheld, and to later ones
   void hang_up_on(int first, int count);        // `count` connections after the next `first` ones
   void report_ends_late();                      // of motions: after the answer to the next request
   void answer_in_pairs();                       // every second request is answered before its predecessor
