@@ -898,8 +898,12 @@ TEST_F(Backends, AnArmThatMovesIsNotGivenUpWhenItsAnswerComesLate) {
       const auto all = fakes_[0]->asked();
       return !all.empty() && all.back().command == Command::move;
     });
-    fakes_[0]->change([](RobotState& s) { s.robot_mode = static_cast<std::uint8_t>(RobotMode::move); });
-    until([&] { return fakes_[0]->commands_waiting() > 60; });
+    fakes_[0]->change([](RobotState& s) {
+      s.robot_mode = static_cast<std::uint8_t>(RobotMode::move);
+      s.controller_mode = static_cast<std::uint8_t>(ControllerMode::external);
+    });
+    std::size_t commands = 0;
+    until([&] { return (commands += fakes_[0]->commands_waiting()) > 60; });
     fakes_[0]->release(Command::move);
   });
   FciBackend backend({config(0)}, {.longest_wait_packets = 30, .model_check = ModelCheck::off});
