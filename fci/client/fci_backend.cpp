@@ -151,7 +151,8 @@ std::future<RequestAnswer> FciBackend::request(ArmIndex arm, GripperRequest requ
 // --- start and finish ---
 
 // The loop's thread reads the arms' states while their commanders work. `beginning`: the arms start; those
-// that do not move yet are not waited for without limit. One that is held here moves: only its commander is late.
+// that do not move yet are not waited for without limit. One that is held here moves: only its commander is
+// late.
 std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
     std::vector<std::future<RequestAnswer>> futures, bool beginning) {
   using std::chrono::seconds;
@@ -182,7 +183,8 @@ std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
       if (is_ready(i)) {
         answers[i] = futures[i].get();
       } else if (arms[i]->held_packets() == 0) {
-        answers[i] = {false, "arm " + name + " did not begin its torque motion while the others were held for " +
+        answers[i] = {false, "arm " + name +
+                                 " did not begin its torque motion while the others were held for " +
                                  std::to_string(held) +
                                  " packets: start again; if it recurs, look at the arm's page in Desk"};
       } else {

@@ -901,6 +901,7 @@ TEST_F(Backends, AnArmThatMovesIsNotGivenUpWhenItsAnswerComesLate) {
     fakes_[0]->change([](RobotState& s) {
       s.robot_mode = static_cast<std::uint8_t>(RobotMode::move);
       s.controller_mode = static_cast<std::uint8_t>(ControllerMode::external);
+      s.motion_generator_mode = static_cast<std::uint8_t>(MotionGeneratorMode::joint_velocity);
     });
     std::size_t commands = 0;
     until([&] { return (commands += fakes_[0]->commands_waiting()) > 60; });

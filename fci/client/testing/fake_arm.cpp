@@ -261,7 +261,8 @@ void FakeArm::release(Command command) {
   const std::lock_guard lock(mutex_);
   withheld_.erase(command);
   const Asked last = asked_.back();  // serve() stores it again
-  serve({.command = command_id(*dialect_, last.command).value(), .command_id = last.command_id}, last.payload);
+  serve({.command = command_id(*dialect_, last.command).value(), .command_id = last.command_id},
+        last.payload);
 }
 void FakeArm::hang_up_on(int first, int count) {
   const std::lock_guard lock(mutex_);
