@@ -1,6 +1,6 @@
 #!/bin/bash
 # Guess: getLinkState of PyBullet gives the velocity of the link's frame, worldLinkLinearVelocity, to go with the position of that
-# frame, worldLinkFramePosition; and calculateJacobian takes its point from the center of mass, as its guide says.
+# frame, worldLinkFramePosition; and calculateJacobian takes its point from the center of mass, as wrappers of it say.
 # So it is the other way around: the velocity is that of the center of mass, the Jacobian's point counts from the frame's
 # origin. A hand that turns about its own axis at 2 rad/s, its mass 0.1 m aside, is said to move at 0.2 m/s, although its
 # frame rests, and damping by that velocity pushes the arm; J(0) times the joint velocity is something else.
