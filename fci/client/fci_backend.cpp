@@ -151,8 +151,7 @@ std::future<RequestAnswer> FciBackend::request(ArmIndex arm, GripperRequest requ
 // --- start and finish ---
 
 // The loop's thread reads the arms' states while their commanders work. `beginning`: the arms start; those
-// that do not move yet are not waited for without limit. One that is held here moves: only its commander is
-// late.
+// that do not move yet are not waited for without limit. One that is held here has begun.
 std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
     std::vector<std::future<RequestAnswer>> futures, bool beginning) {
   using std::chrono::seconds;
