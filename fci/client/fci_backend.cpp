@@ -150,9 +150,9 @@ std::future<RequestAnswer> FciBackend::request(ArmIndex arm, GripperRequest requ
 
 // --- start and finish ---
 
-// The loop's thread reads the arms' states while their commanders work. `beginning`: the arms start; those
-// that do not move yet are not waited for without limit. One that is held here moves: only its commander is
-// late.
+// The loop's thread reads the arms' states while their commanders work. `beginning`: the arms start; one that
+// does not move, or no longer, is not waited for without limit. One that is held as long as the others moves:
+// only its commander is late.
 std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
     std::vector<std::future<RequestAnswer>> futures, bool beginning) {
   using std::chrono::seconds;
@@ -172,21 +172,22 @@ std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
     hold(since);
     if (!beginning || options.lockstep) continue;
     int held = 0;
-    bool late = false;
-    for (std::size_t k = 0; k < arms.size(); ++k) {
-      held = std::max(held, arms[k]->held_packets());
-      late = late || (k >= i && arms[k]->held_packets() == 0 && !is_ready(k));
-    }
-    if (!late || held <= options.longest_wait_packets) continue;
+    for (const auto& arm : arms) held = std::max(held, arm->held_packets());
+    const auto is_late = [&](std::size_t k) {
+      return !is_ready(k) && held - arms[k]->held_packets() > options.longest_wait_packets;
+    };
+    std::size_t late = i;
+    while (late < arms.size() && !is_late(late)) ++late;
+    if (late == arms.size()) continue;
     for (; i < futures.size(); ++i) {
-      const std::string& name = arms[i]->config().name;
-      if (is_ready(i)) {
+      if (i != late && is_ready(i)) {
         answers[i] = futures[i].get();
-      } else if (arms[i]->held_packets() == 0) {
-        answers[i] = {false, "arm " + name +
-                                 " did not begin its torque motion while the others were held for " +
-                                 std::to_string(held) +
-                                 " packets: start again; if it recurs, look at the arm's page in Desk"};
+      } else if (i == late || is_late(i)) {
+        answers[i] = {false,
+                      "arm " + arms[i]->config().name +
+                          " did not begin its torque motion, or left it, while the others were held for " +
+                          std::to_string(held) +
+                          " packets: start again; if it recurs, look at the arm's page in Desk"};
       } else {
         answers[i] = {true, {}};
       }

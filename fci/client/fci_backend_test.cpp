@@ -912,6 +912,48 @@ TEST_F(Backends, AnArmThatMovesIsNotGivenUpWhenItsAnswerComesLate) {
   arm.join();
 }
 
+// One that left its motion before its answer is late like one that never moved: the other is not held for the
+// seconds after which the answer is given up.
+TEST_F(Backends, AnArmThatStopsBeforeItsAnswerIsGivenUp) {
+  fakes_[0]->withhold(Command::move);
+  const auto show = [&](RobotMode mode, ControllerMode controller) {
+    fakes_[0]->change([=](RobotState& s) {
+      s.robot_mode = static_cast<std::uint8_t>(mode);
+      s.controller_mode = static_cast<std::uint8_t>(controller);
+      s.motion_generator_mode = static_cast<std::uint8_t>(MotionGeneratorMode::joint_velocity);
+    });
+  };
+  const auto until = [](auto&& condition) {
+    const HostTime since = host_now();
+    while (!condition() && seconds(host_now() - since) < 20) std::this_thread::yield();
+  };
+  std::size_t held = 0;
+  std::thread arms([&] {
+    until([&] {
+      const auto all = fakes_[0]->asked();
+      return !all.empty() && all.back().command == Command::move;
+    });
+    show(RobotMode::move, ControllerMode::external);
+    until([&] { return fakes_[0]->command(0).has_value(); });
+    show(RobotMode::reflex, ControllerMode::other);
+    until([&] {
+      held += fakes_[1]->commands_waiting();
+      const auto all = fakes_[1]->asked();
+      return std::ranges::any_of(all, [](const auto& a) { return a.command == Command::stop_move; });
+    });
+    fakes_[0]->hang_up();
+  });
+  FciBackend backend({config(0), config(1)}, {.longest_wait_packets = 30, .model_check = ModelCheck::off});
+  try {
+    backend.start();
+    ADD_FAILURE() << "it began without the left arm";
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("arm left did not begin"));
+  }
+  arms.join();
+  EXPECT_LT(held, 500u);
+}
+
 // At the end the arm is held until it has left its motion: the last torque alone would keep pushing it.
 TEST_F(Backends, FinishHoldsTheArmUntilItHasLeftItsMotion) {
   begin();
