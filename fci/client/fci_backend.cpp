@@ -9,6 +9,7 @@
 
 #include "arm_interface/arm_settings.hpp"
 #include "core/model/prismatic_joints.hpp"
+#include "core/types/gap_watch.hpp"
 #include "fci/client/arm_driver.hpp"
 #include "fci/client/end_effector.hpp"
 #include "fci/client/state_intake.hpp"
@@ -105,6 +106,7 @@ struct FciBackend::Implementation {
   std::vector<std::unique_ptr<NetFt>> sensors;  // of the arms; empty: none
   std::array<pollfd, kMaxArms> watched{};
   bool running = false;
+  GapWatch gaps;          // of start()
   bool first = true;      // no wait() yet
   HostTime begun, woken;  // first wait(), last wait() [this computer's time]
   LoopTime now;
@@ -168,6 +170,7 @@ std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
       continue;
     }
     sleep_until(later(host_now(), 0.001));
+    (void)gaps.look();
     receive_all();
     hold(since);
     if (!beginning || options.lockstep) continue;
@@ -233,10 +236,16 @@ void FciBackend::start() {
     std::vector<std::future<RequestAnswer>> futures;
     for (const auto& arm : self.arms) futures.push_back(what(*arm));
     auto answers = self.wait_for(std::move(futures), beginning);
+    // A run that begins minutes after somebody started it could move an arm that they have gone to.
+    if (self.options.begin_torque && !self.options.lockstep && self.gaps.look() != HostTime{})
+      answers.push_back(
+          {false, "this program stalled while the arms were being started: look at them, then start again"});
     if (std::any_of(answers.begin(), answers.end(), [](const auto& a) { return !a.success; })) {
       self.give_up(answers);
     }
   };
+  self.gaps = {};
+  (void)self.gaps.look();
   on_all([](ArmDriver& arm) { return arm.prepare(); }, false);
   for (const auto& arm : self.arms) {
     arm->mark_read();

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <csignal>
 #include <memory>
 #include <thread>
 
@@ -952,6 +953,46 @@ TEST_F(Backends, AnArmThatStopsBeforeItsAnswerIsGivenUp) {
   }
   arms.join();
   EXPECT_LT(held, 500u);
+}
+
+// The program stalls while it starts, as in a suspended computer: a person may have come to it.
+TEST_F(Backends, AStartThatStoodStillBeginsNothing) {
+  for (const Command stalls_at : {Command::set_load, Command::move}) {
+    fakes_[0]->withhold(stalls_at);
+    FciBackend backend({config(0)}, {.model_check = ModelCheck::off});
+    std::string said;
+    std::thread loop([&] {
+      try {
+        backend.start();
+      } catch (const std::runtime_error& error) {
+        said = error.what();
+      }
+    });
+    const auto asked_last = [&](Command command) {
+      const auto all = fakes_[0]->asked();
+      return !all.empty() && all.back().command == command;
+    };
+    while (!asked_last(stalls_at)) std::this_thread::yield();
+    static std::atomic<bool> stalled;
+    stalled = false;
+    (void)std::signal(SIGUSR1, [](int) {
+      const timespec time{.tv_sec = 0, .tv_nsec = 700'000'000};
+      (void)::nanosleep(&time, nullptr);
+      stalled = true;
+    });
+    ASSERT_EQ(::pthread_kill(loop.native_handle(), SIGUSR1), 0);
+    while (!stalled) std::this_thread::yield();
+    fakes_[0]->release(stalls_at);
+    loop.join();
+    EXPECT_THAT(said, HasSubstr("stalled"));
+    EXPECT_TRUE(backend.ended());
+    const auto all = fakes_[0]->asked();
+    const auto ordered = [&](Command command) {
+      return std::ranges::any_of(all, [=](const auto& a) { return a.command == command; });
+    };
+    EXPECT_EQ(ordered(Command::move), stalls_at == Command::move);
+    EXPECT_EQ(ordered(Command::stop_move), stalls_at == Command::move);
+  }
 }
 
 // At the end the arm is held until it has left its motion: the last torque alone would keep pushing it.
