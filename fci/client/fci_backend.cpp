@@ -9,6 +9,7 @@
 
 #include "arm_interface/arm_settings.hpp"
 #include "core/model/prismatic_joints.hpp"
+#include "core/types/gap_watch.hpp"
 #include "fci/client/arm_driver.hpp"
 #include "fci/client/end_effector.hpp"
 #include "fci/client/state_intake.hpp"
@@ -105,6 +106,7 @@ struct FciBackend::Implementation {
   std::vector<std::unique_ptr<NetFt>> sensors;  // of the arms; empty: none
   std::array<pollfd, kMaxArms> watched{};
   bool running = false;
+  GapWatch gaps;          // of start()
   bool first = true;      // no wait() yet
   HostTime begun, woken;  // first wait(), last wait() [this computer's time]
   LoopTime now;
@@ -150,8 +152,9 @@ std::future<RequestAnswer> FciBackend::request(ArmIndex arm, GripperRequest requ
 
 // --- start and finish ---
 
-// The loop's thread reads the arms' states while their commanders work. `beginning`: the arms start; those
-// that do not move yet are not waited for without limit. One that is held here has begun.
+// The loop's thread reads the arms' states while their commanders work. `beginning`: the arms start; one that
+// does not move, or no longer, is not waited for without limit. One that is held as long as the others moves:
+// only its commander is late.
 std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
     std::vector<std::future<RequestAnswer>> futures, bool beginning) {
   using std::chrono::seconds;
@@ -167,25 +170,27 @@ std::vector<RequestAnswer> FciBackend::Implementation::wait_for(
       continue;
     }
     sleep_until(later(host_now(), 0.001));
+    (void)gaps.look();
     receive_all();
     hold(since);
     if (!beginning || options.lockstep) continue;
     int held = 0;
-    bool late = false;
-    for (std::size_t k = 0; k < arms.size(); ++k) {
-      held = std::max(held, arms[k]->held_packets());
-      late = late || (k >= i && arms[k]->held_packets() == 0 && !is_ready(k));
-    }
-    if (!late || held <= options.longest_wait_packets) continue;
+    for (const auto& arm : arms) held = std::max(held, arm->held_packets());
+    const auto is_late = [&](std::size_t k) {
+      return !is_ready(k) && held - arms[k]->held_packets() > options.longest_wait_packets;
+    };
+    std::size_t late = i;
+    while (late < arms.size() && !is_late(late)) ++late;
+    if (late == arms.size()) continue;
     for (; i < futures.size(); ++i) {
-      const std::string& name = arms[i]->config().name;
-      if (is_ready(i)) {
+      if (i != late && is_ready(i)) {
         answers[i] = futures[i].get();
-      } else if (arms[i]->held_packets() == 0) {
-        answers[i] = {false, "arm " + name +
-                                 " did not begin its torque motion while the others were held for " +
-                                 std::to_string(held) +
-                                 " packets: start again; if it recurs, look at the arm's page in Desk"};
+      } else if (i == late || is_late(i)) {
+        answers[i] = {false,
+                      "arm " + arms[i]->config().name +
+                          " did not begin its torque motion, or left it, while the others were held for " +
+                          std::to_string(held) +
+                          " packets: start again; if it recurs, look at the arm's page in Desk"};
       } else {
         answers[i] = {true, {}};
       }
@@ -231,10 +236,16 @@ void FciBackend::start() {
     std::vector<std::future<RequestAnswer>> futures;
     for (const auto& arm : self.arms) futures.push_back(what(*arm));
     auto answers = self.wait_for(std::move(futures), beginning);
+    // A run that begins minutes after somebody started it could move an arm that they have gone to.
+    if (self.options.begin_torque && !self.options.lockstep && self.gaps.look() != HostTime{})
+      answers.push_back(
+          {false, "this program stalled while the arms were being started: look at them, then start again"});
     if (std::any_of(answers.begin(), answers.end(), [](const auto& a) { return !a.success; })) {
       self.give_up(answers);
     }
   };
+  self.gaps = {};
+  (void)self.gaps.look();
   on_all([](ArmDriver& arm) { return arm.prepare(); }, false);
   for (const auto& arm : self.arms) {
     arm->mark_read();

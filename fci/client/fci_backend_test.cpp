@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <csignal>
 #include <memory>
 #include <thread>
 
@@ -910,6 +911,88 @@ TEST_F(Backends, AnArmThatMovesIsNotGivenUpWhenItsAnswerComesLate) {
   FciBackend backend({config(0)}, {.longest_wait_packets = 30, .model_check = ModelCheck::off});
   EXPECT_NO_THROW(backend.start());
   arm.join();
+}
+
+// One that left its motion before its answer is late like one that never moved: the other is not held for the
+// seconds after which the answer is given up.
+TEST_F(Backends, AnArmThatStopsBeforeItsAnswerIsGivenUp) {
+  fakes_[0]->withhold(Command::move);
+  const auto show = [&](RobotMode mode, ControllerMode controller) {
+    fakes_[0]->change([=](RobotState& s) {
+      s.robot_mode = static_cast<std::uint8_t>(mode);
+      s.controller_mode = static_cast<std::uint8_t>(controller);
+      s.motion_generator_mode = static_cast<std::uint8_t>(MotionGeneratorMode::joint_velocity);
+    });
+  };
+  const auto until = [](auto&& condition) {
+    const HostTime since = host_now();
+    while (!condition() && seconds(host_now() - since) < 20) std::this_thread::yield();
+  };
+  std::size_t held = 0;
+  std::thread arms([&] {
+    until([&] {
+      const auto all = fakes_[0]->asked();
+      return !all.empty() && all.back().command == Command::move;
+    });
+    show(RobotMode::move, ControllerMode::external);
+    until([&] { return fakes_[0]->command(0).has_value(); });
+    show(RobotMode::reflex, ControllerMode::other);
+    until([&] {
+      held += fakes_[1]->commands_waiting();
+      const auto all = fakes_[1]->asked();
+      return std::ranges::any_of(all, [](const auto& a) { return a.command == Command::stop_move; });
+    });
+    fakes_[0]->hang_up();
+  });
+  FciBackend backend({config(0), config(1)}, {.longest_wait_packets = 30, .model_check = ModelCheck::off});
+  try {
+    backend.start();
+    ADD_FAILURE() << "it began without the left arm";
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("arm left did not begin"));
+  }
+  arms.join();
+  EXPECT_LT(held, 500u);
+}
+
+// The program stalls while it starts, as in a suspended computer: a person may have come to it.
+TEST_F(Backends, AStartThatStoodStillBeginsNothing) {
+  for (const Command stalls_at : {Command::set_load, Command::move}) {
+    fakes_[0]->withhold(stalls_at);
+    FciBackend backend({config(0)}, {.model_check = ModelCheck::off});
+    std::string said;
+    std::thread loop([&] {
+      try {
+        backend.start();
+      } catch (const std::runtime_error& error) {
+        said = error.what();
+      }
+    });
+    const auto asked_last = [&](Command command) {
+      const auto all = fakes_[0]->asked();
+      return !all.empty() && all.back().command == command;
+    };
+    while (!asked_last(stalls_at)) std::this_thread::yield();
+    static std::atomic<bool> stalled;
+    stalled = false;
+    (void)std::signal(SIGUSR1, [](int) {
+      const timespec time{.tv_sec = 0, .tv_nsec = 700'000'000};
+      (void)::nanosleep(&time, nullptr);
+      stalled = true;
+    });
+    ASSERT_EQ(::pthread_kill(loop.native_handle(), SIGUSR1), 0);
+    while (!stalled) std::this_thread::yield();
+    fakes_[0]->release(stalls_at);
+    loop.join();
+    EXPECT_THAT(said, HasSubstr("stalled"));
+    EXPECT_TRUE(backend.ended());
+    const auto all = fakes_[0]->asked();
+    const auto ordered = [&](Command command) {
+      return std::ranges::any_of(all, [=](const auto& a) { return a.command == command; });
+    };
+    EXPECT_EQ(ordered(Command::move), stalls_at == Command::move);
+    EXPECT_EQ(ordered(Command::stop_move), stalls_at == Command::move);
+  }
 }
 
 // At the end the arm is held until it has left its motion: the last torque alone would keep pushing it.
