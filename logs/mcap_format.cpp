@@ -185,7 +185,8 @@ EncodedChunk encode_chunk(std::string_view records, const ChunkIndexEntries& ent
   }
 
   const std::unique_ptr<ZSTD_CCtx, decltype(&ZSTD_freeCCtx)> context(ZSTD_createCCtx(), &ZSTD_freeCCtx);
-  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel, 4);  // the next takes twice the time
+  ZSTD_CCtx_setParameter(context.get(), ZSTD_c_compressionLevel,
+                         1);  // fast: an unpaced loop runs up to 20 times faster than real time
   ZSTD_CCtx_setParameter(context.get(), ZSTD_c_checksumFlag, 1);
   std::string compressed(ZSTD_compressBound(records.size()), '\0');
   const std::size_t size =

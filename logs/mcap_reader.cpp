@@ -1,6 +1,5 @@
 #include "logs/mcap_reader.hpp"
 
-#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstdio>
@@ -92,11 +91,13 @@ std::optional<McapReader::Message> McapReader::next() {
     if (!record) return std::nullopt;
     try {
       if (record->opcode == Opcode::chunk) {
-        take_chunk(mcap::decode_chunk(record->content).records);
+        chunk_ = mcap::decode_chunk(record->content).records;
+        chunk_offset_ = 0;
       } else if (record->opcode == Opcode::message) {  // outside of chunks: not written by this program, but
                                                        // the format allows it
-        take_chunk(mcap::record(Opcode::message, {reinterpret_cast<const char*>(record->content.data()),
-                                                  record->content.size()}));
+        chunk_ = mcap::record(
+            Opcode::message, {reinterpret_cast<const char*>(record->content.data()), record->content.size()});
+        chunk_offset_ = 0;
       } else {
         take(record->opcode, record->content);
       }
@@ -140,38 +141,28 @@ void McapReader::take(Opcode opcode, mcap::Bytes content) {
   }
 }
 
-void McapReader::take_chunk(std::string records) {
-  chunk_ = std::move(records);
-  messages_.clear();
-  next_ = 0;
-  const mcap::Bytes bytes = mcap::as_bytes(chunk_);
-  for (std::size_t offset = 0; offset < bytes.size();) {
-    const std::size_t before = offset;
-    try {
-      const mcap::InnerRecord record = mcap::take_record(bytes, offset);
-      if (record.opcode == Opcode::message) {
-        messages_.push_back(mcap::decode_message(record.content));
-      } else {
-        take(record.opcode, record.content);
-      }
-    } catch (const std::runtime_error&) {
-      ++damaged_;
-      if (offset == before) break;  // without a valid length: the records after it are lost
-    }
-  }
-  std::ranges::stable_sort(messages_, {}, &mcap::MessageHead::log_time_ns);
-}
-
 std::optional<McapReader::Message> McapReader::next_in_chunk() {
-  while (next_ < messages_.size()) {
-    const mcap::MessageHead& message = messages_[next_++];
-    const auto channel = channels_.find(message.channel);
-    const auto schema = channel == channels_.end() ? schemas_.end() : schemas_.find(channel->second.schema);
-    if (schema != schemas_.end()) {
+  const mcap::Bytes bytes = mcap::as_bytes(chunk_);
+  while (chunk_offset_ < bytes.size()) {
+    const std::size_t before = chunk_offset_;
+    try {
+      const mcap::InnerRecord record = mcap::take_record(bytes, chunk_offset_);
+      if (record.opcode != Opcode::message) {
+        take(record.opcode, record.content);
+        continue;
+      }
+      const mcap::MessageHead message = mcap::decode_message(record.content);
+      const auto channel = channels_.find(message.channel);
+      if (channel == channels_.end()) throw std::runtime_error("MCAP: a message of an undeclared channel");
+      const auto schema = schemas_.find(channel->second.schema);
+      if (schema == schemas_.end()) throw std::runtime_error("MCAP: a channel of an undeclared schema");
       return Message{&channel->second, &schema->second, message.sequence,
                      static_cast<std::int64_t>(message.log_time_ns), message.data};
+    } catch (const std::runtime_error&) {
+      ++damaged_;
+      // A record without a valid length ends the chunk: the records after it are lost.
+      if (chunk_offset_ == before) chunk_offset_ = bytes.size();
     }
-    ++damaged_;  // of an undeclared channel or schema
   }
   return std::nullopt;
 }

@@ -56,9 +56,8 @@ bool holds(const mcap::Schema& schema) {
       "log's metadata names it)");
 }
 
-// Reads a log's messages in the order of the file, those of a chunk in the order of their times. Also reads
-// the file of a killed process up to its last complete chunk, and a file that is still being written. Memory
-// use: one chunk.
+// Reads a log's messages in the order of the file. Also reads the file of a killed process up to its last
+// complete chunk, and a file that is still being written. Memory use: one chunk.
 class McapReader {
  public:
   // Throws std::runtime_error if the file cannot be opened or does not start like an MCAP file.
@@ -91,7 +90,6 @@ class McapReader {
 
  private:
   void take(mcap::Opcode opcode, mcap::Bytes content);
-  void take_chunk(std::string records);
   std::optional<Message> next_in_chunk();
 
   McapScanner scanner_;
@@ -100,8 +98,7 @@ class McapReader {
   std::vector<mcap::Metadata> metadata_;
   std::vector<mcap::Attachment> attachments_;
   std::string chunk_;
-  std::vector<mcap::MessageHead> messages_;  // of the chunk
-  std::size_t next_ = 0;
+  std::size_t chunk_offset_ = 0;
   std::uint64_t damaged_ = 0;
 };
 

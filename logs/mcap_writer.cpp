@@ -60,21 +60,20 @@ void McapWriter::write_bytes(std::uint16_t channel, std::int64_t log_time_ns,
                              std::span<const std::uint8_t> cdr) {
   if (chunk_messages_ == 0) chunk_begin_ = std::chrono::steady_clock::now();
   const auto time = static_cast<std::uint64_t>(std::max<std::int64_t>(log_time_ns, 0));
-  std::string& part = parts_[channel];
-  const std::size_t before = part.size();
-  entries_[channel].push_back({time, before});
+  entries_[channel].push_back({time, chunk_.size()});
   ++chunk_messages_;
 
-  const auto put = [&part](auto value) { part.append(reinterpret_cast<const char*>(&value), sizeof(value)); };
+  const auto put = [this](auto value) {
+    chunk_.append(reinterpret_cast<const char*>(&value), sizeof(value));
+  };
   put(static_cast<std::uint8_t>(mcap::Opcode::message));
   put(std::uint64_t{2 + 4 + 8 + 8 + cdr.size()});
   put(channel);
   put(sequences_[channel]++);
   put(time);  // log time
   put(time);  // publish time
-  part.append(reinterpret_cast<const char*>(cdr.data()), cdr.size());
-  chunk_bytes_ += part.size() - before;
-  if (chunk_bytes_ >= options_.chunk_bytes) flush();
+  chunk_.append(reinterpret_cast<const char*>(cdr.data()), cdr.size());
+  if (chunk_.size() >= options_.chunk_bytes) flush();
 }
 
 void McapWriter::flush_if_due() {
@@ -91,24 +90,15 @@ void McapWriter::flush() {
       status_.lost_by_topic[summary_.channels().at(channel).topic] += messages.size();
     }
   }
-  for (auto& [channel, part] : parts_) part.clear();
+  chunk_.clear();
   entries_.clear();
-  chunk_bytes_ = 0;
   chunk_messages_ = 0;
 }
 
 bool McapWriter::append_chunk() {
-  // The last channel first: events come before the states of their cycle.
-  std::string records;
-  records.reserve(chunk_bytes_);
-  for (auto part = parts_.rbegin(); part != parts_.rend(); ++part) {
-    for (auto& entry : entries_[part->first]) entry.offset += records.size();
-    records += part->second;
-  }
-  std::erase_if(entries_, [](const auto& of_channel) { return of_channel.second.empty(); });
   mcap::EncodedChunk chunk;
   try {
-    chunk = mcap::encode_chunk(records, entries_);
+    chunk = mcap::encode_chunk(chunk_, entries_);
   } catch (const std::runtime_error& e) {
     if (status_.error.empty()) status_.error = e.what();
     return false;

@@ -25,9 +25,8 @@ struct WriterStatus {
 
 // Writes one MCAP file of ROS 2 messages (profile "ros2", definitions "ros2msg", data "cdr").
 //
-// Messages are collected in a chunk, those of a channel together, since they compress better beside their
-// like; readers sort by time. One system call writes the chunk when it is large enough or old enough, so a
-// killed process loses at most one chunk. Failures never throw: a chunk that does not fit on the disk is
+// Messages are collected in a chunk. One system call writes the chunk when it is large enough or old enough,
+// so a killed process loses at most one chunk. Failures never throw: a chunk that does not fit on the disk is
 // discarded, the file is cut back to its last complete record, and the next chunk tries again. Space for
 // index and footer stays reserved, so that a file can be closed on a full disk.
 //
@@ -88,9 +87,8 @@ class McapWriter {
   std::map<std::uint16_t, std::uint32_t> sequences_;
   CdrWriter cdr_;
 
-  std::map<std::uint16_t, std::string> parts_;  // the chunk's messages by channel
-  mcap::ChunkIndexEntries entries_;             // offsets in their part
-  std::size_t chunk_bytes_ = 0;
+  std::string chunk_;
+  mcap::ChunkIndexEntries entries_;
   std::uint64_t chunk_messages_ = 0;
   std::chrono::steady_clock::time_point chunk_begin_;
 };

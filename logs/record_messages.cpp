@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <initializer_list>
 #include <limits>
 #include <span>
 #include <stdexcept>
@@ -10,7 +9,6 @@
 #include <nlohmann/json.hpp>
 
 #include "logs/arm_state_fields.hpp"
-#include "logs/resolution.hpp"
 
 namespace multipanda {
 namespace {
@@ -35,24 +33,7 @@ bool is_due(std::uint64_t every, const CycleRecord& record) {
   return every > 0 && (record.cycle - 1) % every == 0;
 }
 
-double as_seconds(std::int64_t ns) { return rounded(1e-9 * static_cast<double>(ns), kTimingResolution); }
-
-void round_all(auto&& numbers, double resolution) {
-  for (double& number : numbers) number = rounded(number, resolution);
-}
-
-void round_all(const std::initializer_list<double*>& numbers, double resolution) {
-  for (double* number : numbers) *number = rounded(*number, resolution);
-}
-
-void round_all(msg::Pose& X) {
-  auto& [p, q] = X;
-  round_all({&p.x, &p.y, &p.z, &q.w, &q.x, &q.y, &q.z}, kResolution);
-}
-
-void round_vectors(const std::initializer_list<msg::Vector3*>& vectors) {
-  for (msg::Vector3* v : vectors) round_all({&v->x, &v->y, &v->z}, kResolution);
-}
+double as_seconds(std::int32_t ns) { return 1e-9 * ns; }
 
 std::string layout_json(const RecordLayout& layout) {
   nlohmann::ordered_json out;
@@ -128,8 +109,6 @@ Recorder::Sink::Sink(const std::filesystem::path& log, const RecordLayout& layou
     for (const auto& input : instance.inputs) {
       inputs.push_back(writer_.add_channel<msg::Reference>("/" + instance.name + "/" + input.name));
     }
-    auto& resolutions = output_resolutions_.emplace_back();
-    for (const auto& output : instance.outputs) resolutions.push_back(output_resolution(output.name));
     output_channels_.push_back(instance.outputs.empty() ? std::uint16_t{0}
                                                         : writer_.add_channel<msg::ControlletOutputs>(
                                                               "/" + instance.name + "/outputs"));
@@ -202,7 +181,6 @@ void Recorder::Sink::write_arm(Arm& arm, const ArmSample& sample, const CycleRec
     state.stamp = to_time(record.t.ns);
     state.cycle = record.cycle;
     set_measured(state, sample, arm.joint_count);
-    round_all(state.tau_ext, kResolution);
     writer_.write(arm.state_channel, log_time(record.t), state);
   }
   if (is_due(options_.every.command, record)) write_command(arm, sample, record);
@@ -212,7 +190,6 @@ void Recorder::Sink::write_arm(Arm& arm, const ArmSample& sample, const CycleRec
     arm.report.stamp = to_time(record.t.ns);
     arm.report.cycle = record.cycle;
     set_measured(arm.report, sample, arm.joint_count);
-    for (msg::Pose* X : {&arm.report.x_be_d, &arm.report.x_be_c}) round_all(*X);
     writer_.write(arm.report_channel, log_time(record.t), arm.report);
   }
   if (arm.terms && is_due(options_.every.model, record)) write_model(arm, record);
@@ -240,8 +217,6 @@ void Recorder::Sink::write_wrench(Arm& arm, const ArmSample& sample, const Cycle
   wrench.has_contact_truth = sample.has_contact_truth;
   set_field(wrench.estimated, sample.F_K_W_est, arm.joint_count, sample.has_wrench_estimate);
   set_measured(wrench, sample, arm.joint_count);
-  round_vectors(
-      {&wrench.estimated.force, &wrench.estimated.torque, &wrench.contact.force, &wrench.contact.torque});
   writer_.write(arm.wrench_channel, log_time(record.t), wrench);
 }
 
@@ -265,16 +240,12 @@ void Recorder::Sink::write_model(Arm& arm, const CycleRecord& record) {
   model.stamp = to_time(record.t.ns);
   model.cycle = record.cycle;
   model.pose = to_message(terms.X_WE());
-  round_all(model.pose);
   const Vector6 V_WE = terms.V_WE().vector;
   set(model.twist.linear, V_WE.data());
   set(model.twist.angular, V_WE.data() + 3);
-  round_vectors({&model.twist.linear, &model.twist.angular});
   model.tau_gravity.assign(terms.g().data(), terms.g().data() + n);
   model.tau_coriolis.assign(terms.c().data(), terms.c().data() + n);
-  round_all(model.tau_gravity, kForceResolution);
-  round_all(model.tau_coriolis, kForceResolution);
-  model.manipulability = rounded(terms.manipulability(), kResolution);
+  model.manipulability = terms.manipulability();
   writer_.write(arm.model_channel, log_time(record.t), model);
 }
 
@@ -304,13 +275,12 @@ void Recorder::Sink::write_references(const CycleRecord& record) {
     reference_.value.assign(sample.values.begin(), sample.values.begin() + sample.size);
     const int rates = input.quantity == "pose" ? 6 : sample.size;  // seven numbers, but six velocities
     reference_.rate.assign(sample.rates.begin(), sample.rates.begin() + rates);
-    round_all(reference_.value, kResolution);
-    round_all(reference_.rate, kResolution);
     writer_.write(reference_channels_[sample.instance][sample.input], log_time(record.t), reference_);
   }
 }
 
-// One message of an instance, since each message costs 16 bytes of index.
+// One message of an instance, since each message costs 16 bytes of index. The numbers are rounded to those of
+// a float: the digits behind them take most of the space and mean nothing.
 void Recorder::Sink::write_outputs(const CycleRecord& record) {
   outputs_.stamp = to_time(record.t.ns);
   outputs_.cycle = record.cycle;
@@ -318,8 +288,7 @@ void Recorder::Sink::write_outputs(const CycleRecord& record) {
     const auto& instance = layout_.instances[i];
     std::size_t count = 0;
     outputs_.outputs.resize(instance.outputs.size());
-    for (std::size_t k = 0; k < instance.outputs.size(); ++k) {
-      const auto& output = instance.outputs[k];
+    for (const auto& output : instance.outputs) {
       const auto numbers = std::span(record.outputs).subspan(output.offset, output.size);
       if (std::ranges::all_of(numbers, [](double value) { return std::isnan(value); }))
         continue;  // not active
@@ -327,9 +296,7 @@ void Recorder::Sink::write_outputs(const CycleRecord& record) {
       out.name = output.name;
       out.values.resize(numbers.size());
       std::ranges::transform(numbers, out.values.begin(),
-                             [resolution = output_resolutions_[i][k]](double value) {
-                               return rounded_output(value, resolution);
-                             });
+                             [](double value) { return static_cast<double>(static_cast<float>(value)); });
     }
     if (count == 0) continue;
     outputs_.outputs.resize(count);
@@ -342,7 +309,7 @@ void Recorder::Sink::write_timing(const CycleRecord& record) {
   msg::CycleTiming timing;
   timing.stamp = to_time(record.t.ns);
   timing.cycle = record.cycle;
-  timing.start = as_seconds((record.start - first_start_).count());
+  timing.start = seconds(record.start - first_start_);
   timing.period = record.period_s;
   timing.overruns = record.overruns;
   timing.read = as_seconds(record.stages.read);

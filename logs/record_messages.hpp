@@ -74,7 +74,6 @@ class Recorder::Sink {
   std::vector<Arm> arms_;
   std::vector<std::vector<std::uint16_t>> reference_channels_;  // by instance and input
   std::vector<std::uint16_t> output_channels_;                  // by instance
-  std::vector<std::vector<double>> output_resolutions_;         // by instance and output
   std::vector<std::uint16_t> object_channels_;                  // by name
   std::uint16_t event_channel_ = 0, switch_channel_ = 0, switch_timing_channel_ = 0,
                 intervention_channel_ = 0, timing_channel_ = 0;

@@ -283,7 +283,7 @@ void LogTable::take_numbers(const McapReader::Message& message) {
                                           {"safety_ns", timing.safety},
                                           {"write_ns", timing.write},
                                           {"total_ns", timing.total}})
-      put(places_.at(field).first, std::round(kNs * duration));
+      put(places_.at(field).first, kNs * duration);
   }
 }
 
