@@ -24,17 +24,7 @@ void bound(const ContactBounds& contact, const Elbow* elbow, OwnedArm& arm, cons
     return Vector6(press * Vector6(task.J_bar.transpose().lazyProduct(x)));
   };
   const JointVector pull = tau - arm.terms->c() + damping;
-  // The whole pull falls with the hand's speed, also the part that turns a light wrist: no faster than the
-  // arm bears some periods late.
-  constexpr double kRate = 100;  // [1/s], of a hand on its way
-  const Vector6 wrench = at_hand(pull);
-  const double way = wrench.head<3>().dot(task.mobility.topRows<3>() * wrench);
-  ContactBounds bearable = contact;  // its force ends at 1.5 times its speed
-  if (way > 0) {
-    const double end = contact.spring_force * way / (kRate * wrench.head<3>().squaredNorm());
-    bearable.hand_speed = std::max(contact.hand_speed, end / 1.5);
-  }
-  BoundedPull bounded = bound_pull(bearable, wrench, at_hand(damping), arm.terms->V_WE().linear());
+  BoundedPull bounded = bound_pull(contact, at_hand(pull), at_hand(damping), arm.terms->V_WE().linear());
   const auto bound_at = [&](const Elbow& point) {
     Vector6 pushes = Vector6::Zero(), damps = Vector6::Zero();
     pushes.head<3>() = point.force(pull);

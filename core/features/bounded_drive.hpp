@@ -13,9 +13,6 @@ namespace multipanda {
 //     press an arm into an obstacle.
 //   - It takes at least 0.1 s to reach the bounds: a step would meet the limit of torque rates, and still act
 //     when it should have ended.
-//   - What a changed parameter takes from it goes in 0.2 s, and the slower, the faster the arm already comes
-//     back: a range that falls would end it at once. So does what a law that pressed no longer presses, while
-//     tau brakes: tau would fall with the law's damping, and leave the arm none.
 //   - By itself tau moves the arm along M^-1 tau; the part of dq along that, in the metric of M, is
 //     beta M^-1 tau. tau falls with beta > 0, to nothing where beta M^-1 tau has the hand at 0.9 hand_speed
 //     or the joints at 1 rad/s, but no steeper than damping of 200 1/s times the inertia that tau moves,
@@ -29,19 +26,9 @@ class BoundedDrive {
   // `factor`: of M, lower half. `law`: the torque of the controllet (n x 1); nullptr: unknown.
   JointVector limit(const ControlContext& context, const OwnedArm& arm, const JointVector& tau,
                     const JointMatrix& factor, const JointVector* law);
-  bool keeps() const { return last_.size() > 0 && !last_.isZero(0); }
 
  private:
   double share_ = 0;  // share of the bounds that it pulls with; a start needs no reset: features fade in
-  JointVector last_;  // what tau was scaled to in the last tick, at rest (n x 1)
-  double time_s_ = 0;
-  std::uint32_t version_ = 0;
-  bool changed_ = false;  // and has not caught up
 };
-
-// The pace, up to 1, at which a feature lets go of an arm that it pressed, since the springs of the law pull
-// it back: the slower, the faster it already moves. The speeds are those at which a set-point returns after a
-// raised stiffness (core/controllets/raised_spring.hpp).
-double release_pace(const OwnedArm& arm, const ContactBounds& contact);
 
 }  // namespace multipanda

@@ -152,7 +152,7 @@ class CollisionAvoidance final : public Feature {
       if (smooth.distance < range) repel(context, i, smooth, parameters);
     }
     for (std::size_t k = 0; k < context.arms.size(); ++k) {
-      const JointMatrix* factor = active_ > 0 || bounded_[k].keeps() ? factor_of(context, own_[k]) : nullptr;
+      const JointMatrix* factor = active_ > 0 ? factor_of(context, own_[k]) : nullptr;
       if (factor == nullptr) {
         bounded_[k] = {};
         drive_[k].setZero();

@@ -793,8 +793,7 @@ TEST(CollisionAvoidance, AnArmThatComesThrowsNoOther) {
   EXPECT_GT(pull(run(free, 0, 2)), 2 * contact.spring_force);
   EXPECT_GT(pull(run(rig, 0, 2)), 0.9 * contact.spring_force);
   EXPECT_LT(pull(run(rig, 0, 2)), 1.001 * contact.spring_force);
-  const JointVector rest = run(rig, 0, 0), braked = run(rig, 2, 0) - rest,
-                    whole = run(free, 2, 0) - run(free, 0, 0);
+  const JointVector braked = run(rig, 2, 0) - run(rig, 0, 0), whole = run(free, 2, 0) - run(free, 0, 0);
   EXPECT_GT(pull(whole), contact.spring_force);
   EXPECT_LT((braked - whole).norm(), 1e-9);
 }
@@ -888,50 +887,6 @@ TEST(BoundedDrive, ComesInWithinATenthOfASecond) {
   }
   EXPECT_GT(light, 3);
   EXPECT_LT(light, 27);
-}
-
-// What a changed parameter takes from a pull goes by a two-hundredth of the bounds in each period, and more
-// slowly from a hand that already comes back. What a law no longer presses goes likewise while the hand comes
-// back, which would otherwise have no damping; while it rests, at once.
-TEST(BoundedDrive, LetsGoSlowly) {
-  Draw draw(71);
-  const auto model = franka("fer", {});
-  ModelTerms terms(model);
-  ArmState state;
-  JointVector tau = zero(7), law = zero(7);
-  const OwnedArm arm{&state, &terms, &tau};
-  std::array scene{OwnedArm{&state, &terms, &law}};
-  ParameterSet parameters({{.name = "range", .initial = {1}, .max = 2}}, 7);
-  for (int trial = 0; trial < 40; ++trial) {
-    const bool changes = trial % 2 == 0;
-    const double speed = std::array{0.0, 0.02, 0.05, 0.15}[static_cast<std::size_t>(trial / 2 % 4)];
-    state.q = model->q_home() + draw.joints(7, 0.1);
-    terms.update(state.q, zero(7));
-    const Eigen::MatrixXd J = terms.J_V_WE(), M_inv = inverse(terms.M());
-    const JointVector push = J.topRows<3>().transpose() * (90 * draw.vector3(1).normalized());
-    state.dq = -M_inv * push;
-    state.dq *= speed / (J.topRows<3>() * state.dq).norm();
-    terms.update(state.q, state.dq);
-    ControlContext context{.dt = 0.2, .parameters = &parameters, .scene_arms = scene, .contact = {}};
-    BoundedDrive drive;
-    law = -push;
-    const double before = drive.limit(context, arm, push).norm() / push.norm();
-    EXPECT_GT(before, 0.9) << "60 N, and as many as the law presses with";
-    context.dt = 0.001;
-    if (changes) parameters.set_now(0, std::array{1 + 0.02 * trial});
-    law = zero(7);
-    const double pace = std::max(0.05, 1 - std::max(speed / 0.1, state.dq.lpNorm<Eigen::Infinity>() / 0.5));
-    const Eigen::VectorXd ddq = M_inv * push;
-    const double rate = std::max((J.topRows<3>() * ddq).norm() / 0.225, ddq.norm());
-    const double left = changes ? 0 : std::min(60.0 / 90, 200 / rate);  // a light arm gets less
-    for (int k = 1; k <= 250; ++k) {
-      context.time_s += 0.001;
-      const double share = drive.limit(context, arm, changes ? zero(7) : push).norm() / push.norm();
-      const double expected =
-          changes || speed > 0 ? std::max(left, before - 60.0 / 90 * k * pace / 200) : left;
-      ASSERT_NEAR(share, expected, 1e-9) << trial << " " << k;
-    }
-  }
 }
 
 }  // namespace

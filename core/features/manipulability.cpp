@@ -59,7 +59,7 @@ class ManipulabilityFeature final : public Feature {
       smallest = std::min(smallest, m.value);
       const double missing = std::max(0.0, m_0 - m.value);
       const double fade = std::clamp((m_0 - m.value) / (kFade * m_0) + 1, 0.0, 1.0);
-      if (fade == 0 && !drive_[a].keeps()) continue;
+      if (fade == 0) continue;
       potential += k_m * missing * missing;
       JointVector tau = drive_[a].limit(context, arm, 2 * k_m * missing * m.gradient);
       if (d > 0) tau -= d * fade * m.self_motion(arm.terms->J_V_WE(), arm.dq());

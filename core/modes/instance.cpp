@@ -7,7 +7,6 @@
 #include <stdexcept>
 
 #include "core/controllets/prismatic_parameters.hpp"
-#include "core/features/bounded_drive.hpp"
 #include "core/types/time.hpp"
 
 namespace multipanda {
@@ -535,10 +534,18 @@ namespace {
 // far may snap back. What features drive is not.
 constexpr double kReleaseBrake = 20, kSettles = 1, kDrives = 0.05;  // [1/s] times the inertia, [s]
 
+// The pace, up to 1, at which a feature lets go of arms that it pressed, since the springs of the law pull
+// them back: the slower, the faster they already move. The speeds are those at which a set-point returns
+// after a raised stiffness (core/controllets/raised_spring.hpp).
 double letting_go(std::span<OwnedArm> arms, const ContactBounds& contact) {
-  double pace = 1;
-  for (const OwnedArm& arm : arms) pace = std::min(pace, release_pace(arm, contact));
-  return pace;
+  constexpr double kShare = 0.4, kTurning = 0.5, kSlowest = 0.05;  // of its speed, [rad/s], of the pace
+  if (!std::isfinite(contact.hand_speed)) return 1;
+  double fastest = 0;
+  for (const OwnedArm& arm : arms) {
+    fastest = std::max({fastest, arm.terms->V_WE().linear().norm() / (kShare * contact.hand_speed),
+                        arm.dq().lpNorm<Eigen::Infinity>() / kTurning});
+  }
+  return std::max(kSlowest, 1 - fastest);
 }
 
 }  // namespace
