@@ -106,13 +106,25 @@ JointVector BoundedDrive::limit(const ControlContext& context, const OwnedArm& a
   const bool goes_on = context.time_s - std::exchange(time_s_, context.time_s) < 1.5 * context.dt && keeps();
   changed_ = goes_on && (changed_ || version != version_);
   version_ = version;
-  if (const bool brakes = goes_on && last_.dot(arm.dq()) < 0; brakes || changed_) {
-    const JointVector way = now - last_;
-    const double far = share_of(held(way));
-    const bool falls = share_of(held(last_)) > share_of(held(now));
-    const double pace = falls ? (brakes ? release_pace(arm, contact) : 1) / kFall : 1 / kRise;
-    if (const double step = pace * context.dt; far > step && (falls || changed_)) {
-      last_ += step / far * way;
+  const Vector6 kept = goes_on ? held(last_) : Vector6(Vector6::Zero());
+  // A light wrist would shake, some periods late.
+  const bool of_hand =
+      kept.head<3>().norm() / contact.spring_force > kept.tail<3>().norm() / contact.spring_moment;
+  const bool brakes = goes_on && last_.dot(arm.dq()) < 0 && (changed_ || of_hand);
+  if (brakes || changed_) {
+    const bool falls = share_of(kept) > share_of(held(now));
+    const double fall = (brakes ? release_pace(arm, contact) : 1) / kFall;
+    // Where it rises, what turns it takes from some joints: that goes like a fall.
+    const JointVector M_inv_last = cholesky_solve(factor, last_);
+    const double along = falls ? 1 : std::max(1.0, now.dot(M_inv_last) / last_.dot(M_inv_last));
+    const auto part_of = [&](const JointVector& way, double pace) {
+      const double far = share_of(held(way));
+      return far > pace * context.dt ? pace * context.dt / far : 1.0;
+    };
+    const JointVector rise = (along - 1) * last_, turn = now - along * last_;
+    const double risen = part_of(rise, 1 / kRise), turned = part_of(turn, fall);
+    if (std::min(risen, turned) < 1 && (falls || changed_)) {
+      last_ += risen * rise + turned * turn;
       const JointVector ddq_kept = cholesky_solve(factor, last_);
       return share_at_speed(context, arm, last_, last_.dot(ddq_kept), rate_of(ddq_kept), 1) * last_;
     }

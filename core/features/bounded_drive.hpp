@@ -14,8 +14,9 @@ namespace multipanda {
 //   - It takes at least 0.1 s to reach the bounds: a step would meet the limit of torque rates, and still act
 //     when it should have ended.
 //   - What a changed parameter takes from it goes in 0.2 s, and the slower, the faster the arm already comes
-//     back: a range that falls would end it at once. So does what a law that pressed no longer presses, while
-//     tau brakes: tau would fall with the law's damping, and leave the arm none.
+//     back: a range that falls would end it at once, and one that rises again may draw elsewhere: what that
+//     takes goes likewise. So does what a law that pressed no longer presses, while tau brakes a hand: tau
+//     would fall with the law's damping, and leave the arm none.
 //   - By itself tau moves the arm along M^-1 tau; the part of dq along that, in the metric of M, is
 //     beta M^-1 tau. tau falls with beta > 0, to nothing where beta M^-1 tau has the hand at 0.9 hand_speed
 //     or the joints at 1 rad/s, but no steeper than damping of 200 1/s times the inertia that tau moves,

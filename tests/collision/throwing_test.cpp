@@ -416,7 +416,10 @@ TEST(Throwing, WhatAFeatureLetsGoComesBackSlowly) {
 TEST(Throwing, WhatChangesAllTheTimeThrowsNobody) {
   test::Series series;
   for (std::uint32_t seed = 0; seed < 480; ++seed) {
-    if (!series.takes(seed % 20 == 0 || seed == 14 || seed == 61 || seed == 265 || seed == 312)) continue;
+    // In 42 and 162 a range that rose again let go of the wrist: 0.26 m/s.
+    if (!series.takes(seed % 20 == 0 || seed == 14 || seed == 42 || seed == 61 || seed == 162 ||
+                      seed == 265 || seed == 312))
+      continue;
     Dice dice(seed % 240);
     const std::string law = std::array{"cartesian_impedance", "joint_impedance", "hold"}[seed % 3];
     const std::string name = law == "hold" ? "arm_hold" : "law",
@@ -476,6 +479,30 @@ TEST(Throwing, WhatChangesAllTheTimeThrowsNobody) {
     series.record("speed_m_per_s", fastest);
     EXPECT_EQ(faults, std::vector<std::string>()) << seed;
     EXPECT_LT(fastest, kBounds.hand_speed) << seed;
+  }
+}
+
+// A limit of the light last joint, behind 3 ms of delay. Its pull, kept while it braked, shook the wrist
+// until the arm was lost.
+TEST(Throwing, ALimitShakesNoWrist) {
+  for (const char* last : {"2.6", "2.7", "2.8"}) {
+    const Scene scene = parse_scene(
+        fmt::format("plant: {{command_delay_s: 0.003}}\narms:\n  - {{name: arm, model: fr3, start_rad: [0.1, "
+                    "-0.4, 0.2, -2.3, 1.2, 1.9, {}]}}\ncontrollets:\n  - {{name: law, type: "
+                    "joint_impedance, arms: arm, features: [joint_limits], parameters: {{joint_limits: "
+                    "{{range_rad: 0.5, stiffness_nm_per_rad: 300}}}}}}\nactive: [law]\n",
+                    last),
+        "wrist.yaml", registry());
+    double fastest = 0;
+    SessionOptions options{.paced = false, .duration_s = 1.5};
+    options.observer = [&](const CycleRecord& record) {
+      fastest = std::max(fastest, std::abs(record.arms[0].dq[6] / scene.arms[0].safety.joints.dq_max[6]));
+    };
+    Session session(scene, registry(), std::move(options));
+    session.start();
+    EXPECT_EQ(session.finish().faults(), std::vector<std::string>()) << last;
+    EXPECT_LT(fastest, 0.65) << last;
+    EXPECT_GT(fastest, 0.1) << last << ": it was not pushed";
   }
 }
 
