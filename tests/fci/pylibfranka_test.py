@@ -406,15 +406,19 @@ class Settings(Arms):
 class Recovery(Arms):
     def test_an_arm_that_still_turns_is_recovered_at_rest_and_moves_again(self):
         robot = self.robot()
-        control, speed = robot.start_joint_velocity_control(franka.ControllerMode.JointImpedance), 0.0
-        with self.assertRaises(franka.ControlException) as caught:
-            for n in range(600):
-                control.readOnce()
-                speed = min(1.0, speed + 0.004) if n < 400 else -1.0
-                control.writeOnce(franka.JointVelocities([speed, -0.5 * speed] + [0.0] * 5))
-        self.assertIn("discontinuity", str(caught.exception))
-        del control
-        self.assertGreater(abs(robot.read_once().dq[0]), 0.1)
+        for way in 1, -1, 1, -1, 1:  # on a busy computer an arm may have come to rest before its state is read
+            control, speed = robot.start_joint_velocity_control(franka.ControllerMode.JointImpedance), 0.0
+            with self.assertRaises(franka.ControlException) as caught:
+                for n in range(600):
+                    control.readOnce()
+                    speed = min(1.0, speed + 0.004) if n < 400 else -1.0
+                    control.writeOnce(franka.JointVelocities([way * speed, -0.5 * way * speed] + [0.0] * 5))
+            self.assertIn("discontinuity", str(caught.exception))
+            del control
+            if turns := abs(robot.read_once().dq[0]) > 0.1:
+                break
+            robot.automatic_error_recovery()
+        self.assertTrue(turns)
         robot.automatic_error_recovery()
         state = robot.read_once()
         self.assertEqual(state.robot_mode, franka.RobotMode.Idle)
