@@ -25,7 +25,7 @@ namespace multipanda::test {
 //     }
 //     if (series.whole()) EXPECT_GT(series.sum("pushed"), series.size() / 2.0);
 //
-// `./multipanda test --full` makes a study of every case (docs/studies.md). It sets MULTIPANDA_SERIES:
+// `./multipanda test --long` makes a study of every case (docs/studies.md). It sets MULTIPANDA_SERIES:
 //     count         no case runs; their number is recorded as `cases`
 //     case:17       this case runs
 //     figures:FILE  no case runs; the file has what all of them have recorded,
