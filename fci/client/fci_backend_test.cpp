@@ -47,6 +47,16 @@ Scene two_arms() {
   return scene;
 }
 
+void until(const auto& condition) {
+  const HostTime since = host_now();
+  while (!condition() && seconds(host_now() - since) < 20) std::this_thread::yield();
+}
+
+bool was_asked(const FakeArm& arm, Command command) {
+  const auto all = arm.asked();
+  return std::ranges::any_of(all, [=](const auto& a) { return a.command == command; });
+}
+
 class Backends : public testing::Test {
  protected:
   Backends() {
@@ -859,13 +869,7 @@ TEST_F(Backends, AnArmThatHasBegunIsHeldUntilTheOthersBeginOrTheStartIsGivenUp) 
   fakes_[0]->change([](RobotState& s) { s.dq.fill(0.2); });
   fakes_[1]->withhold(Command::move);
   std::thread right([&] {  // released when the left arm is stopped, so that the test need not wait for it
-    const auto stopped = [&] {
-      const auto all = fakes_[0]->asked();
-      return std::any_of(all.begin(), all.end(),
-                         [](const auto& a) { return a.command == Command::stop_move; });
-    };
-    const HostTime since = host_now();
-    while (!stopped() && seconds(host_now() - since) < 20) std::this_thread::yield();
+    until([&] { return was_asked(*fakes_[0], Command::stop_move); });
     fakes_[1]->hang_up();
   });
   FciBackend backend({config(0), config(1)}, {.longest_wait_packets = 30, .model_check = ModelCheck::off});
@@ -891,14 +895,7 @@ TEST_F(Backends, AnArmThatHasBegunIsHeldUntilTheOthersBeginOrTheStartIsGivenUp) 
 TEST_F(Backends, AnArmThatMovesIsNotGivenUpWhenItsAnswerComesLate) {
   fakes_[0]->withhold(Command::move);
   std::thread arm([&] {
-    const auto until = [](auto&& condition) {
-      const HostTime since = host_now();
-      while (!condition() && seconds(host_now() - since) < 20) std::this_thread::yield();
-    };
-    until([&] {
-      const auto all = fakes_[0]->asked();
-      return !all.empty() && all.back().command == Command::move;
-    });
+    until([&] { return was_asked(*fakes_[0], Command::move); });
     fakes_[0]->change([](RobotState& s) {
       s.robot_mode = static_cast<std::uint8_t>(RobotMode::move);
       s.controller_mode = static_cast<std::uint8_t>(ControllerMode::external);
@@ -924,23 +921,15 @@ TEST_F(Backends, AnArmThatStopsBeforeItsAnswerIsGivenUp) {
       s.motion_generator_mode = static_cast<std::uint8_t>(MotionGeneratorMode::joint_velocity);
     });
   };
-  const auto until = [](auto&& condition) {
-    const HostTime since = host_now();
-    while (!condition() && seconds(host_now() - since) < 20) std::this_thread::yield();
-  };
   std::size_t held = 0;
   std::thread arms([&] {
-    until([&] {
-      const auto all = fakes_[0]->asked();
-      return !all.empty() && all.back().command == Command::move;
-    });
+    until([&] { return was_asked(*fakes_[0], Command::move); });
     show(RobotMode::move, ControllerMode::external);
     until([&] { return fakes_[0]->command(0).has_value(); });
     show(RobotMode::reflex, ControllerMode::other);
     until([&] {
       held += fakes_[1]->commands_waiting();
-      const auto all = fakes_[1]->asked();
-      return std::ranges::any_of(all, [](const auto& a) { return a.command == Command::stop_move; });
+      return was_asked(*fakes_[1], Command::stop_move);
     });
     fakes_[0]->hang_up();
   });
@@ -968,30 +957,23 @@ TEST_F(Backends, AStartThatStoodStillBeginsNothing) {
         said = error.what();
       }
     });
-    const auto asked_last = [&](Command command) {
-      const auto all = fakes_[0]->asked();
-      return !all.empty() && all.back().command == command;
-    };
-    while (!asked_last(stalls_at)) std::this_thread::yield();
+    until([&] { return was_asked(*fakes_[0], stalls_at); });
     static std::atomic<bool> stalled;
     stalled = false;
-    (void)std::signal(SIGUSR1, [](int) {
+    const auto before = std::signal(SIGUSR1, [](int) {
       const timespec time{.tv_sec = 0, .tv_nsec = 700'000'000};
       (void)::nanosleep(&time, nullptr);
       stalled = true;
     });
     ASSERT_EQ(::pthread_kill(loop.native_handle(), SIGUSR1), 0);
-    while (!stalled) std::this_thread::yield();
+    until([] { return stalled.load(); });
+    (void)std::signal(SIGUSR1, before);
     fakes_[0]->release(stalls_at);
     loop.join();
     EXPECT_THAT(said, HasSubstr("stalled"));
     EXPECT_TRUE(backend.ended());
-    const auto all = fakes_[0]->asked();
-    const auto ordered = [&](Command command) {
-      return std::ranges::any_of(all, [=](const auto& a) { return a.command == command; });
-    };
-    EXPECT_EQ(ordered(Command::move), stalls_at == Command::move);
-    EXPECT_EQ(ordered(Command::stop_move), stalls_at == Command::move);
+    EXPECT_EQ(was_asked(*fakes_[0], Command::move), stalls_at == Command::move);
+    EXPECT_EQ(was_asked(*fakes_[0], Command::stop_move), stalls_at == Command::move);
   }
 }
 
