@@ -41,11 +41,12 @@ std::string no_such_arm(std::size_t arm, std::size_t count) {
   return "there is no arm " + std::to_string(arm) + ": the run has " + std::to_string(count);
 }
 
+// By value: backends with grippers or a world keep the request.
+// NOLINTNEXTLINE(performance-unnecessary-value-param)
 std::future<RequestAnswer> Backend::request(ArmIndex /*arm*/, GripperRequest /*request*/) {
   return refuse_request("this backend has no grippers");
 }
 
-// By value: backends with a world keep the request.
 // NOLINTNEXTLINE(performance-unnecessary-value-param)
 std::future<RequestAnswer> Backend::request(WorldRequest /*request*/) {
   return refuse_request("this backend has no simulated world: this request needs simulated arms");

@@ -40,6 +40,8 @@ bool lock_mappings(std::size_t stack) {
     if (access[0] != 'r' || access[3] != 'p' || reads_files(line.data())) continue;
     const bool is_file = std::strchr(line.data(), '/') != nullptr;
     if (begin == guard_end && !is_file) begin += stack;  // behind it may be other memory
+    // The kernel gives addresses as text.
+    // NOLINTNEXTLINE(performance-no-int-to-ptr)
     if (begin < end) (void)mlock(reinterpret_cast<void*>(begin), end - begin);
   }
   return std::fclose(maps) == 0;
