@@ -36,7 +36,7 @@ double weight(Fault fault) {
 }
 
 constexpr std::size_t kRing = 500;      // records; small, so that it overflows
-constexpr rlim_t kFullAt = 128 * 1024;  // bytes
+constexpr rlim_t kFullAt = 64 * 1024;  // bytes: less than two seconds of an arm
 
 void limit_files(rlim_t bytes) {
   rlimit limit{};

@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <limits>
 #include <random>
+#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -166,7 +167,7 @@ class DiskTroubleTest : public testing::Test {
  protected:
   DiskTroubleTest() { std::filesystem::create_directories(folder); }
   ~DiskTroubleTest() override { std::filesystem::remove_all(folder); }
-  void run(bool full) {
+  void run(bool full, bool paced = false) {
     RecordLayout layout;
     layout.arms = {{"left", 7}};
     layout.instances = {{.name = "left_hold", .type = "hold", .arms = 1}};
@@ -180,6 +181,7 @@ class DiskTroubleTest : public testing::Test {
       cycle.t = LoopTime::from_seconds(1e-3 * k);
       for (double& x : cycle.arms[0].tau_cmd) x = number(random);
       disk.take(cycle);
+      if (paced && k % 10 == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
     }
     EXPECT_THAT(disk.take_findings(), testing::IsEmpty());
     EXPECT_EQ(disk.written() + disk.lost(), 2001u);
@@ -194,6 +196,7 @@ class DiskTroubleTest : public testing::Test {
 
 TEST_F(DiskTroubleTest, OnASlowDiskTheRestIsCounted) { run(false); }
 TEST_F(DiskTroubleTest, OnAFullDiskEveryRecordIsTakenOrCounted) { run(true); }
+TEST_F(DiskTroubleTest, OnAFullDiskAWriterThatKeepsUpSaysWhatIsMissing) { run(true, true); }
 
 // The same seed gives the same run, whatever the computer does besides.
 TEST(Soak, IsTheSameForTheSameSeedAndKeepsItsInvariants) {
