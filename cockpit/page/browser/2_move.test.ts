@@ -157,7 +157,25 @@ async function byGizmo({ page }: Cockpit): Promise<void> {
     }
   });
   await assertStays(page);
+  await droppedDrag(page);
   await box.uncheck();
+}
+
+// Another owner ends the drag: the rest of it moves neither the arm nor the view.
+async function droppedDrag(page: Cockpit["page"]): Promise<void> {
+  const camera = () => page.evaluate(() => window.cockpit.stage.camera.position.toArray());
+  const before = await camera();
+  const [x = NaN, y = NaN] = await gizmoHandle(page);
+  await page.mouse.move(x, y);
+  await page.waitForTimeout(200);
+  await page.mouse.down();
+  await page.evaluate(() => window.cockpit.session.request("switch", { activate: ["left_hold"] }));
+  await until(page, () => !window.cockpit.held());
+  await drag(page, [x, y], [x, y - 60]);
+  await page.mouse.up();
+  assert.deepEqual(await camera(), before);
+  await drag(page, [x + 100, y], [x + 100, y - 60]); // no button is pressed
+  assert.deepEqual(await camera(), before);
 }
 
 async function hidden({ page }: Cockpit): Promise<void> {
@@ -194,10 +212,13 @@ async function frozen({ page }: Cockpit): Promise<void> {
     hold(page, up(page), async () => {
       await handMoves(page, 0, 2, 0.005);
       // The main thread stands still for longer than the run waits for the next beat.
-      await page.evaluate(() => {
+      const held = await page.evaluate(() => {
+        const held = window.cockpit.held();
         const end = performance.now() + 600;
         while (performance.now() < end);
+        return held;
       });
+      if (!held) throw new Late("the hold had ended before the page stood still");
       await page.getByText("The run ended the hold", { exact: false }).first().waitFor({ timeout: kPatience });
       await assertStays(page);
     }),

@@ -27,13 +27,16 @@ export class TargetGizmo {
     const dragged = endingWith(moves, () => this.drop());
     this.controls.addEventListener("dragging-changed", (event) => {
       this.dragging = event.value === true;
-      this.stage.controls.enabled = !this.dragging;
       if (!this.dragging) return this.holding.letGo("target");
+      this.stage.controls.enabled = false; // until the pointer is up: the rest of a dropped drag must not turn the view
       if (!this.holding.begin("target", () => this.dragging, dragged)) this.drop();
     });
     const canvas = stage.renderer.domElement;
     canvas.addEventListener("pointercancel", () => this.holding.letGo("target", "the browser took the pointer"));
-    canvas.addEventListener("lostpointercapture", () => this.holding.letGo("target", "the pointer was lost"));
+    canvas.addEventListener("lostpointercapture", () => {
+      this.holding.letGo("target", "the pointer was lost");
+      this.stage.controls.enabled = true;
+    });
   }
 
   get mode(): "translate" | "rotate" {
@@ -68,7 +71,6 @@ export class TargetGizmo {
   // Ends a drag that continues in the browser but is no longer valid.
   private drop(): void {
     this.dragging = false;
-    this.stage.controls.enabled = true;
     this.controls.dragging = false;
     this.controls.axis = null;
   }
