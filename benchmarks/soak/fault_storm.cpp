@@ -35,7 +35,7 @@ double weight(Fault fault) {
   }
 }
 
-constexpr std::size_t kRing = 500;      // records; small, so that it overflows
+constexpr std::size_t kRing = 500;     // records; small, so that it overflows
 constexpr rlim_t kFullAt = 64 * 1024;  // bytes: less than two seconds of an arm
 
 void limit_files(rlim_t bytes) {

@@ -70,7 +70,7 @@ class CollisionAvoidance final : public Feature {
                     {.name = "stiffness_n_per_m",
                      .unit = "N/m",
                      .initial = {1000.0},
-                     .max = 1500,  // a stiffer one lets go of an arm faster than that may move
+                     .max = 1000,  // a stiffer one lets go of an arm faster than that may move, and loses it
                      .doc = "Slope of the repulsive force of each pair at the edge of the range; it "
                             "increases towards contact."}),
                 parameter_at<kDamping>(

@@ -71,7 +71,7 @@ struct Kind {
 };
 const Kind kAvoidance{
     "collision_avoidance",
-    {{"range_m", 0.005, 0.3}, {"stiffness_n_per_m", 0, 1500}, {"damping_n_s_per_m", 0, 1000}}};
+    {{"range_m", 0.005, 0.3}, {"stiffness_n_per_m", 0, 1000}, {"damping_n_s_per_m", 0, 1000}}};
 const Kind kLimits{
     "joint_limits",
     {{"range_rad", 0.01, 0.5}, {"stiffness_nm_per_rad", 0, 300}, {"damping_nms_per_rad", 0, 20}}};
@@ -337,8 +337,8 @@ TEST(Throwing, WhatAFeatureLetsGoComesBackSlowly) {
   for (const Release& r : {
            Release{"collision_avoidance", "range_m: 0.3", "ready", "range_m"},
            Release{"collision_avoidance", "range_m: 0.3", "ready", "stiffness_n_per_m"},
-           Release{"collision_avoidance", "range_m: 0.3, stiffness_n_per_m: 1500", "ready", "range_m"},
-           Release{"collision_avoidance", "range_m: 0.3, stiffness_n_per_m: 1500", "ready",
+           Release{"collision_avoidance", "range_m: 0.3, stiffness_n_per_m: 1000", "ready", "range_m"},
+           Release{"collision_avoidance", "range_m: 0.3, stiffness_n_per_m: 1000", "ready",
                    "stiffness_n_per_m"},
            Release{"collision_avoidance", "range_m: 0.3", "ready", "off"},
            Release{"collision_avoidance", "range_m: 0.3", "ready", "off and on"},
@@ -407,6 +407,76 @@ TEST(Throwing, WhatAFeatureLetsGoComesBackSlowly) {
       EXPECT_LT(fastest, kBounds.hand_speed) << text;
       EXPECT_GT((end - pushed).norm(), 0.02) << text;
     }
+  }
+}
+
+// What changes again and again before an arm has settled, behind 3 ms of delay; and what is switched off and
+// on without any. With 1,500 N/m 48 of 240 of the latter lost their arm, at up to 0.48 m/s. They still exceed
+// the bound of the hand: docs/promises.md.
+TEST(Throwing, WhatChangesAllTheTimeLosesNoArm) {
+  test::Series series;
+  for (std::uint32_t seed = 0; seed < 480; ++seed) {
+    const bool off_and_on = seed >= 240;
+    if (!series.takes(seed % 40 == 6 || seed == 255)) continue;
+    Dice dice(seed % 240);
+    const std::string law = std::array{"cartesian_impedance", "joint_impedance", "hold"}[seed % 3];
+    const std::string name = law == "hold" ? "arm_hold" : "law",
+                      feature = seed / 3 % 4 == 3 ? "joint_limits" : "collision_avoidance";
+    const Kind& kind = feature == "joint_limits" ? kLimits : kAvoidance;
+    SceneArm arm;
+    arm.model = "fer";
+    const double z = terms_at(arm, build_arm_model(arm)->q_home()).X_WE().position.z() - kBelow - 0.02 - 0.05;
+    const int every = dice.one_of({50, 100, 150, 200, 300, 500});
+    const bool real = dice.one_of({false, true});
+    const int which = dice.one_of({0, 1, 0, 1, 2, 3});
+    const double least0 = dice.one_of({0.0, 0.1, 0.3}), most0 = dice.one_of({1.0, 1.0, 0.5});
+    std::string events;
+    for (int ms = 500; ms < 6000; ms += every) {
+      if (off_and_on) {
+        events += fmt::format("  - {{at_s: {:.3f}, feature: {{controllet: {}, name: {}, on: {}}}}}\n",
+                              1e-3 * ms, name, feature, (ms - 500) / every % 2 == 1);
+        continue;
+      }
+      for (int k = 0; k < 2; ++k) {
+        if (which != k && which < 2) continue;
+        if (which == 3 && dice.uniform(0, 1) < 0.5) continue;
+        const Parameter& p = kind.parameters[static_cast<std::size_t>(k)];
+        const double share = which == 3 ? dice.uniform(0, 1) : (ms - 500) / every % 2 == 0 ? most0 : least0;
+        events +=
+            fmt::format("  - {{at_s: {:.3f}, parameter: {{controllet: {}, name: {}.{}, value: {:.6g}}}}}\n",
+                        1e-3 * ms, name, feature, p.name, p.least + share * (p.most - p.least));
+      }
+    }
+    const std::string text = fmt::format(
+        "plant: {{fidelity: {}, command_delay_s: {}}}\narms:\n  - {{name: arm, model: fer, start_rad: "
+        "{}}}\n{}"
+        "controllets:\n  - {{name: {}, type: {}, arms: arm, features: [{}], parameters: {{{}: {}}}}}\n"
+        "active: [{}]\ntimeline:\n{}",
+        real ? "realistic" : "ideal", off_and_on ? 0 : 0.003,
+        feature == "joint_limits" ? "[2.6, -0.785, 0, -2.9, 0, 1.57, 0.785]" : "ready",
+        feature == "joint_limits" ? ""
+                                  : fmt::format("objects:\n  - {{name: table, shape: box, size_m: [0.3, 0.4, "
+                                                "0.1], position_m: [0.4, 0, {:.6f}]}}\n",
+                                                z),
+        name, law, feature, feature,
+        feature == "joint_limits" ? "{range_rad: 0.5, stiffness_nm_per_rad: 300}"
+                                  : "{range_m: 0.3, stiffness_n_per_m: 1000}",
+        law == "hold" ? "" : "law", events);
+    const Scene scene = parse_scene(text, "changes.yaml", registry());
+    ModelTerms terms = terms_at(scene.arms[0], scene.arms[0].q_start);
+    double fastest = 0;
+    SessionOptions options{.paced = false, .duration_s = 6.5};
+    options.observer = [&](const CycleRecord& record) {
+      terms.update(Eigen::Map<const Eigen::VectorXd>(record.arms[0].q.data(), 7),
+                   Eigen::Map<const Eigen::VectorXd>(record.arms[0].dq.data(), 7));
+      fastest = std::max(fastest, terms.V_WE().linear().norm());
+    };
+    Session session(scene, registry(), std::move(options));
+    session.start();
+    const std::vector<std::string> faults = session.finish().faults();
+    series.record("speed_m_per_s", fastest);
+    EXPECT_EQ(faults, std::vector<std::string>()) << seed;
+    EXPECT_LT(fastest, off_and_on ? 0.30 : kBounds.hand_speed) << seed;
   }
 }
 
