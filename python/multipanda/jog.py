@@ -10,7 +10,7 @@ import numpy as np
 from .pose import Pose
 from .rotations import Array, exponential, logarithm, multiply, normalized
 
-_LONGEST_STEP_S = 0.1
+_LONGEST_STEP_S = 0.05  # the slowest rate; what a busy computer missed is not caught up into a contact
 
 
 @dataclass(frozen=True)

@@ -257,13 +257,13 @@ class Limits(unittest.TestCase):
         hand = mp.Pose(np.array([0.4, 0, 0.5]), np.array([0.0, 1, 0, 0]))
         limits = mp.JogLimits(speed_m_per_s=0.2, turn_rad_per_s=0.5, lead_m=0.03, lead_rad=0.1)
         twist = np.array([1.0, 1, 0, 0, 0, 1])  # more than full along the diagonal
-        target = jogged(hand, twist, 0.1, hand, np.zeros(3), limits)
-        self.assertAlmostEqual(np.linalg.norm(target.position_m - hand.position_m), 0.02)
+        target = jogged(hand, twist, 0.05, hand, np.zeros(3), limits)
+        self.assertAlmostEqual(np.linalg.norm(target.position_m - hand.position_m), 0.01)
         turned = target.rotation @ hand.rotation.T
-        self.assertAlmostEqual(math.atan2(turned[1, 0], turned[0, 0]), 0.05)
+        self.assertAlmostEqual(math.atan2(turned[1, 0], turned[0, 0]), 0.025)
         self.assertEqual(jogged(hand, twist, 5, hand, np.zeros(3), limits).values.tolist(), target.values.tolist())
         for _ in range(20):
-            target = jogged(target, twist, 0.1, hand, np.zeros(3), limits)
+            target = jogged(target, twist, 0.05, hand, np.zeros(3), limits)
         self.assertAlmostEqual(np.linalg.norm(target.position_m - hand.position_m), 0.03)
         self.assertAlmostEqual(target.angle_to(hand), 0.1)
         with self.assertRaisesRegex(ValueError, "force_n"):
