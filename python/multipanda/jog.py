@@ -10,7 +10,7 @@ import numpy as np
 from .pose import Pose
 from .rotations import Array, exponential, logarithm, multiply, normalized
 
-_LONGEST_STEP_S = 0.05  # the slowest rate; what a busy computer missed is not caught up into a contact
+_LONGEST_STEP_S = 0.05  # the period of the slowest rate; a busy computer catches up no more than that at once
 
 
 @dataclass(frozen=True)

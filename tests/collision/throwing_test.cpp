@@ -337,9 +337,6 @@ TEST(Throwing, WhatAFeatureLetsGoComesBackSlowly) {
   for (const Release& r : {
            Release{"collision_avoidance", "range_m: 0.3", "ready", "range_m"},
            Release{"collision_avoidance", "range_m: 0.3", "ready", "stiffness_n_per_m"},
-           Release{"collision_avoidance", "range_m: 0.3, stiffness_n_per_m: 1000", "ready", "range_m"},
-           Release{"collision_avoidance", "range_m: 0.3, stiffness_n_per_m: 1000", "ready",
-                   "stiffness_n_per_m"},
            Release{"collision_avoidance", "range_m: 0.3", "ready", "off"},
            Release{"collision_avoidance", "range_m: 0.3", "ready", "off and on"},
            Release{"joint_limits", "range_rad: 0.5, stiffness_nm_per_rad: 300",
@@ -411,23 +408,28 @@ TEST(Throwing, WhatAFeatureLetsGoComesBackSlowly) {
 }
 
 // What changes again and again before an arm has settled, behind 3 ms of delay; and what is switched off and
-// on without any. With 1,500 N/m 48 of 240 of the latter lost their arm, at up to 0.48 m/s. They still exceed
-// the bound of the hand: docs/promises.md.
+// on, without delay and behind it. With 1,500 N/m 10 of 12 of the latter with cartesian_impedance lost their
+// arm, at up to 0.48 m/s. They still exceed the bound of the hand: docs/promises.md.
 TEST(Throwing, WhatChangesAllTheTimeLosesNoArm) {
+  constexpr std::uint32_t kChanges = 240, kSwitches = 3 * 2 * 6 * 2 * 2;
+  constexpr std::array kPeriods{50, 100, 150, 200, 300, 500};  // [ms]
   test::Series series;
-  for (std::uint32_t seed = 0; seed < 480; ++seed) {
-    const bool off_and_on = seed >= 240;
-    if (!series.takes(seed % 40 == 6 || seed == 255)) continue;
-    Dice dice(seed % 240);
+  for (std::uint32_t seed = 0; seed < kChanges + kSwitches; ++seed) {
+    const bool off_and_on = seed >= kChanges;
+    const std::uint32_t choice = seed - kChanges;  // of law, feature, period, plant and delay of switches
+    if (!series.takes(off_and_on ? choice % 6 == 0 : seed % 40 == 6)) continue;
+    Dice dice(seed);
     const std::string law = std::array{"cartesian_impedance", "joint_impedance", "hold"}[seed % 3];
-    const std::string name = law == "hold" ? "arm_hold" : "law",
-                      feature = seed / 3 % 4 == 3 ? "joint_limits" : "collision_avoidance";
-    const Kind& kind = feature == "joint_limits" ? kLimits : kAvoidance;
+    const std::string name = law == "hold" ? "arm_hold" : "law";
+    const bool limits = off_and_on ? choice / 3 % 2 == 1 : seed / 3 % 4 == 3;
+    const std::string feature = limits ? "joint_limits" : "collision_avoidance";
+    const Kind& kind = limits ? kLimits : kAvoidance;
     SceneArm arm;
     arm.model = "fer";
     const double z = terms_at(arm, build_arm_model(arm)->q_home()).X_WE().position.z() - kBelow - 0.02 - 0.05;
-    const int every = dice.one_of({50, 100, 150, 200, 300, 500});
-    const bool real = dice.one_of({false, true});
+    const int every = off_and_on ? kPeriods[choice / 6 % 6] : dice.one_of({50, 100, 150, 200, 300, 500});
+    const bool real = off_and_on ? choice / 36 % 2 == 1 : dice.one_of({false, true});
+    const double delay_s = off_and_on && choice / 72 == 0 ? 0 : 0.003;
     const int which = dice.one_of({0, 1, 0, 1, 2, 3});
     const double least0 = dice.one_of({0.0, 0.1, 0.3}), most0 = dice.one_of({1.0, 1.0, 0.5});
     std::string events;
@@ -452,15 +454,13 @@ TEST(Throwing, WhatChangesAllTheTimeLosesNoArm) {
         "{}}}\n{}"
         "controllets:\n  - {{name: {}, type: {}, arms: arm, features: [{}], parameters: {{{}: {}}}}}\n"
         "active: [{}]\ntimeline:\n{}",
-        real ? "realistic" : "ideal", off_and_on ? 0 : 0.003,
-        feature == "joint_limits" ? "[2.6, -0.785, 0, -2.9, 0, 1.57, 0.785]" : "ready",
-        feature == "joint_limits" ? ""
-                                  : fmt::format("objects:\n  - {{name: table, shape: box, size_m: [0.3, 0.4, "
-                                                "0.1], position_m: [0.4, 0, {:.6f}]}}\n",
-                                                z),
+        real ? "realistic" : "ideal", delay_s, limits ? "[2.6, -0.785, 0, -2.9, 0, 1.57, 0.785]" : "ready",
+        limits ? ""
+               : fmt::format("objects:\n  - {{name: table, shape: box, size_m: [0.3, 0.4, "
+                             "0.1], position_m: [0.4, 0, {:.6f}]}}\n",
+                             z),
         name, law, feature, feature,
-        feature == "joint_limits" ? "{range_rad: 0.5, stiffness_nm_per_rad: 300}"
-                                  : "{range_m: 0.3, stiffness_n_per_m: 1000}",
+        limits ? "{range_rad: 0.5, stiffness_nm_per_rad: 300}" : "{range_m: 0.3, stiffness_n_per_m: 1000}",
         law == "hold" ? "" : "law", events);
     const Scene scene = parse_scene(text, "changes.yaml", registry());
     ModelTerms terms = terms_at(scene.arms[0], scene.arms[0].q_start);
@@ -476,7 +476,7 @@ TEST(Throwing, WhatChangesAllTheTimeLosesNoArm) {
     const std::vector<std::string> faults = session.finish().faults();
     series.record("speed_m_per_s", fastest);
     EXPECT_EQ(faults, std::vector<std::string>()) << seed;
-    EXPECT_LT(fastest, off_and_on ? 0.30 : kBounds.hand_speed) << seed;
+    EXPECT_LT(fastest, !off_and_on ? kBounds.hand_speed : delay_s == 0 ? 0.30 : 0.34) << seed;
   }
 }
 

@@ -164,18 +164,25 @@ async function byGizmo({ page }: Cockpit): Promise<void> {
 // Another owner ends the drag: the rest of it moves neither the arm nor the view.
 async function droppedDrag(page: Cockpit["page"]): Promise<void> {
   const camera = () => page.evaluate(() => window.cockpit.stage.camera.position.toArray());
-  const before = await camera();
-  const [x = NaN, y = NaN] = await gizmoHandle(page);
-  await page.mouse.move(x, y);
-  await page.waitForTimeout(200);
-  await page.mouse.down();
-  await page.evaluate(() => window.cockpit.session.request("switch", { activate: ["left_hold"] }));
-  await until(page, () => !window.cockpit.held());
-  await drag(page, [x, y], [x, y - 60]);
-  await page.mouse.up();
-  assert.deepEqual(await camera(), before);
-  await drag(page, [x + 100, y], [x + 100, y - 60]); // no button is pressed
-  assert.deepEqual(await camera(), before);
+  await patiently(page, kCartesian, async () => {
+    await page.waitForTimeout(300);
+    const before = await camera();
+    const [x = NaN, y = NaN] = await gizmoHandle(page);
+    await page.mouse.move(x, y);
+    await page.waitForTimeout(200);
+    await page.mouse.down();
+    try {
+      if (!(await page.evaluate(() => window.cockpit.held()))) throw new Late("the drag did not begin");
+      await page.evaluate(() => window.cockpit.session.request("switch", { activate: ["left_hold"] }));
+      await until(page, () => !window.cockpit.held());
+      await drag(page, [x, y], [x, y - 60]);
+    } finally {
+      await page.mouse.up();
+    }
+    assert.deepEqual(await camera(), before);
+    await drag(page, [x + 100, y], [x + 100, y - 60]); // no button is pressed
+    assert.deepEqual(await camera(), before);
+  });
 }
 
 async function hidden({ page }: Cockpit): Promise<void> {
